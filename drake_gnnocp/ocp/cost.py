@@ -1,0 +1,97 @@
+r"""The cost J = lambda1 J1 + lambda2 J2 of the paper, and a weight on time where the horizon is free.
+
+    J1 = int a^2 + w^2 dt                                    smoothness
+    J2 = sum_j int gamma^(-d_j^2) dt                         d_j: rear axle to the centroid of obstacle j [m]
+
+Integrals are sums over the knots times h (a and w are zero at both ends, so for J1 that is the trapezoid rule).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
+from pydrake.solvers import MathematicalProgram
+
+from drake_gnnocp.ocp.variables import STATE_SCALE, STEP_SCALE, Variables
+from drake_gnnocp.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class CostWeights:
+    """Weights of the cost."""
+
+    lambda1: float = 1.0  # of J1
+    lambda2: float = 1.0  # of J2
+    gamma: float = 1.1  # base of J2, > 1: an obstacle 5 m away costs 0.09 a second (the paper leaves it open)
+    time: float = 1.0  # 1/s, weight of t_final where the horizon is free
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a trajectory costs."""
+
+    J: float
+    J1: float
+    J2: float
+
+
+def proximity(positions: np.ndarray, centroids: np.ndarray, gamma: float) -> tuple[np.ndarray, np.ndarray]:
+    """gamma^(-d^2) summed over the centroids, at every position, and its gradient.
+
+    Args:
+        positions: (N, 2) [m].
+        centroids: (J, 2) [m].
+        gamma: base, > 1.
+
+    Returns:
+        (N,) values and (N, 2) gradients [1/m].
+    """
+    difference = positions[:, None] - centroids[None]
+    near = np.exp(-math.log(gamma) * np.sum(difference**2, axis=2))
+    return near.sum(axis=1), -2 * math.log(gamma) * np.einsum("nj,njc->nc", near, difference)
+
+
+def evaluate_cost(trajectory: Trajectory, centroids: np.ndarray, weights: CostWeights) -> Cost:
+    """The paper's cost of a trajectory, for obstacles with the given centroids (J, 2) [m]."""
+    h = trajectory.duration / (len(trajectory) - 1)
+    j1 = h * float(np.sum(trajectory.inputs**2))
+    j2 = h * float(np.sum(proximity(trajectory.poses[:, :2], centroids, weights.gamma)[0]))
+    return Cost(weights.lambda1 * j1 + weights.lambda2 * j2, j1, j2)
+
+
+def add_cost(
+    program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights
+) -> None:
+    """Add lambda1 J1 (at the guess's h where the horizon is free), lambda2 J2 and the weighted time."""
+    h = variables.fixed_step
+    inputs = variables.knots[1:-1, 5:].ravel()
+    # diagonal by blocks: one dense matrix over all inputs would cost its square in every evaluation
+    for block in np.array_split(inputs, max(1, len(inputs) // 8)):
+        hessian = 2 * weights.lambda1 * h * np.eye(len(block))
+        program.AddQuadraticCost(hessian, np.zeros(len(block)), block, is_convex=True)
+    if len(centroids) and weights.lambda2:
+        _add_proximity_cost(program, variables, centroids, weights)
+    if variables.free_horizon:
+        time_weight = weights.time * (len(variables) - 1) * STEP_SCALE
+        program.AddLinearCost(np.array([time_weight]), 0.0, variables.step)
+
+
+def _add_proximity_cost(
+    program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights
+) -> None:
+    factor = weights.lambda2 * variables.fixed_step
+
+    def evaluate(x: np.ndarray) -> object:
+        with_gradient = x.dtype != float
+        values = ExtractValue(x).ravel() if with_gradient else x
+        value, gradient = proximity(values.reshape(-1, 2) * STATE_SCALE, centroids, weights.gamma)
+        total = np.array([factor * value.sum()])
+        if not with_gradient:
+            return float(total[0])
+        return InitializeAutoDiff(total, factor * STATE_SCALE * gradient.reshape(1, -1)).item()
+
+    positions = variables.knots[1:-1, :2].ravel()
+    program.AddCost(evaluate, positions).evaluator().set_description("J2")

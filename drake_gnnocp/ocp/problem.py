@@ -1,0 +1,86 @@
+"""The optimal control problem of a scenario as a Drake `MathematicalProgram`, in reading order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+
+from drake_gnnocp.ocp.cost import CostWeights, add_cost
+from drake_gnnocp.ocp.dynamics import add_dynamics
+from drake_gnnocp.ocp.separating_line import Separation, add_separating_line
+from drake_gnnocp.ocp.triangle_area import add_triangle_areas, near_rows
+from drake_gnnocp.ocp.variables import KNOT_SCALE, STEP_SCALE, Variables, add_ends, add_limits, add_variables
+from drake_gnnocp.ocp.workspace import add_workspace
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ProblemOptions:
+    """What the problem asks for."""
+
+    weights: CostWeights = field(default_factory=CostWeights)
+    margin: float = 0.05  # m, clearance asked of the triangle areas at the knots
+    bounds_margin: float = 0.02  # m, clearance asked of the bounds at the knots
+    near: float = 3.0  # m, rows farther from their obstacle at the guess are left out
+    free_horizon: bool = False  # whether the duration is a decision variable
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A built program with its variables and its guess."""
+
+    program: MathematicalProgram
+    variables: Variables
+    guess: np.ndarray  # values of all decision variables
+    n_rows: int  # scalar constraints, bounds on variables aside
+
+
+def build(
+    scenario: Scenario, guess: Trajectory, separations: list[Separation], options: ProblemOptions
+) -> Problem:
+    """Build the program around a guess.
+
+    Args:
+        scenario: the task, near the origin.
+        guess: trajectory with equally spaced knots; gives the time step, the pairs that get rows, and the start.
+        separations: pairs that get a separating line.
+        options: see `ProblemOptions`.
+    """
+    program = MathematicalProgram()
+    h = guess.duration / (len(guess) - 1)
+    vehicle, poses = scenario.vehicle, guess.poses
+    turns = 2 * np.pi * np.round((poses[-1, 2] - scenario.goal[2]) / (2 * np.pi))  # the goal the guess turns to
+
+    variables = add_variables(program, len(guess), h, options.free_horizon)
+    add_limits(program, variables, vehicle)
+    add_ends(program, variables, scenario.start, scenario.goal + [0.0, 0.0, turns])
+    add_dynamics(program, variables, vehicle)
+    rows = near_rows(poses, list(scenario.convex_obstacles), vehicle, options.near)
+    add_triangle_areas(program, variables, rows, options.margin)
+    if scenario.bounds is not None:
+        add_workspace(program, variables, vehicle, scenario.bounds, poses, options.near, options.bounds_margin)
+    for pair in separations:
+        add_separating_line(program, variables, vehicle, pair, poses[pair.interval : pair.interval + 2])
+    centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
+    add_cost(program, variables, centroids, options.weights)
+
+    program.SetInitialGuess(variables.knots, np.hstack([guess.states, guess.inputs]) / KNOT_SCALE)
+    if options.free_horizon:
+        program.AddBoundingBoxConstraint(0.1 * h / STEP_SCALE, 3 * h / STEP_SCALE, variables.step)
+        program.SetInitialGuess(variables.step, [h / STEP_SCALE])
+    n_rows = sum(binding.evaluator().num_constraints() for binding in program.GetAllConstraints())
+    return Problem(program, variables, program.initial_guess(), n_rows)
+
+
+def unpack(problem: Problem, program_values: np.ndarray) -> Trajectory:
+    """The trajectory in the values of all decision variables."""
+    index = problem.program.FindDecisionVariableIndices
+    variables = problem.variables
+    knots = program_values[index(variables.knots.ravel())].reshape(variables.knots.shape)
+    step = variables.fixed_step
+    if variables.free_horizon:
+        step = float(program_values[index(variables.step)][0]) * STEP_SCALE
+    return variables.trajectory(knots, step)

@@ -1,0 +1,111 @@
+"""The decision variables of the optimal control problem, and how numpy functions of them enter Drake.
+
+Ipopt's limited-memory BFGS starts from a multiple of the identity. The cost J1 has the Hessian 2 h on the inputs and
+none on the states, so the states stand in the program as value / 100: seen from there the identity is next to nothing.
+(`SetVariableScaling` does not reach Ipopt.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
+from pydrake.solvers import Binding, Constraint, MathematicalProgram
+
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import Vehicle
+
+N_STATES = 5  # x, y, theta, v, phi
+N_KNOT = 7  # ... and a, w
+STATE_SCALE = 100.0  # program variable = state / STATE_SCALE
+STEP_SCALE = 10.0  # program variable = h / STEP_SCALE
+KNOT_SCALE = np.array([STATE_SCALE] * N_STATES + [1.0, 1.0])  # value = program variable * scale
+
+# Values (M,) and the entries of their Jacobian, in the order of the sparsity pattern given beside the function.
+BlockFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Decision variables of a program."""
+
+    knots: np.ndarray  # (N, 7) x, y, theta, v, phi over STATE_SCALE, and a, w
+    step: np.ndarray  # (1,) h / STEP_SCALE where the horizon is free, else (0,)
+    fixed_step: float  # s, h where it is fixed, else the guess's
+
+    def __len__(self) -> int:
+        return len(self.knots)
+
+    @property
+    def free_horizon(self) -> bool:
+        """Whether h is a decision variable."""
+        return len(self.step) == 1
+
+    def trajectory(self, values: np.ndarray, step: float) -> Trajectory:
+        """The trajectory of program values (N, 7) at time step `step` [s]."""
+        knots = values * KNOT_SCALE
+        return Trajectory(step * np.arange(len(knots)), knots[:, :N_STATES], knots[:, N_STATES:])
+
+
+def add_variables(program: MathematicalProgram, n_knots: int, step: float, free_horizon: bool) -> Variables:
+    """Add the knots' states and inputs, and h where the horizon is free."""
+    knots = program.NewContinuousVariables(n_knots, N_KNOT, "knot")
+    h = program.NewContinuousVariables(1, "h") if free_horizon else np.array([])
+    return Variables(knots, h, step)
+
+
+def add_limits(program: MathematicalProgram, variables: Variables, vehicle: Vehicle) -> None:
+    """|v|, |phi|, |a|, |w| within the vehicle's limits at every knot."""
+    limits = np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max]) / KNOT_SCALE[3:]
+    columns = variables.knots[1:-1, 3:]
+    bound = np.tile(limits, len(columns))
+    program.AddBoundingBoxConstraint(-bound, bound, columns.ravel()).evaluator().set_description("limits")
+
+
+def add_ends(program: MathematicalProgram, variables: Variables, start: np.ndarray, goal: np.ndarray) -> None:
+    """Start and goal pose (3,), with v = phi = a = w = 0 at both (the paper's boundary conditions)."""
+    for name, knot, pose in (("start", 0, start), ("goal", -1, goal)):
+        values = np.append(pose, np.zeros(4)) / KNOT_SCALE
+        program.AddBoundingBoxConstraint(values, values, variables.knots[knot]).evaluator().set_description(name)
+
+
+def add_block(
+    program: MathematicalProgram,
+    function: BlockFunction,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    variables: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    description: str,
+) -> Binding:
+    """Add a vector constraint lower <= function(variables) <= upper whose Jacobian is analytic and sparse.
+
+    Args:
+        program: to add to.
+        function: values (M,) and Jacobian entries (P,) of the program variables' values (V,).
+        lower: (M,).
+        upper: (M,).
+        variables: (V,) program variables.
+        rows: (P,) row of every Jacobian entry.
+        columns: (P,) column of every Jacobian entry.
+        description: what the rows are; infeasible ones are reported by it.
+    """
+    shape = (len(lower), len(variables))
+    flat = rows * shape[1] + columns
+
+    def evaluate(x: np.ndarray) -> np.ndarray:
+        if x.dtype == float:
+            return function(x)[0]
+        values, entries = function(ExtractValue(x).ravel())
+        jacobian = np.zeros(shape)
+        jacobian.flat[flat] = entries
+        return InitializeAutoDiff(values, jacobian)
+
+    binding: Binding = program.AddConstraint(evaluate, lower, upper, variables)
+    evaluator: Constraint = binding.evaluator()
+    evaluator.SetGradientSparsityPattern(list(zip(rows.tolist(), columns.tolist(), strict=True)))
+    evaluator.set_description(description)
+    return binding

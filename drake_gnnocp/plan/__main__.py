@@ -1,0 +1,126 @@
+"""Plan a scenario from the command line: `python -m drake_gnnocp.plan [SCENARIO]`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
+from drake_gnnocp.plan.guess import GUESSES, check_available
+from drake_gnnocp.plan.planner import Horizon, check_horizon, plan
+from drake_gnnocp.plan.result import Plan
+from drake_gnnocp.scenario import Scenario, bundled_scenarios
+
+VERIFIED, BAD_INPUT, NOT_VERIFIED = 0, 2, 3  # exit codes
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """One line instead of argparse's usage and message."""
+        self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="python -m drake_gnnocp.plan",
+        description="Plan a trajectory for a car among polygons, verify it, and draw it.",
+        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still written).",
+    )
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default="map_a",
+        help="a bundled name (see --list), a .json or a TPCAP .csv file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--guess", choices=GUESSES, default="auto", help="where the first guess comes from (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/plans/NAME)")
+    parser.add_argument(
+        "--max-seconds",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="wall-clock budget of planning in seconds (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--horizon",
+        type=_horizon,
+        default="guess",
+        metavar="{guess,free,SECONDS}",
+        help="duration: the guess's, optimised with a weight on time, or a constant in seconds (default: %(default)s)",
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="write no plan.png, states.png and replay.html")
+    parser.add_argument("--list", action="store_true", help="list the bundled scenarios and exit")
+    parser.add_argument("--verbose", action="store_true", help="log what is tried")
+    return parser
+
+
+def _horizon(text: str) -> Horizon:
+    try:
+        horizon: Horizon = text if text in ("guess", "free") else float(text)
+        check_horizon(horizon)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be guess, free or a positive number of seconds, not {text!r}") from None
+    return horizon
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING)
+    if arguments.list:
+        for name in bundled_scenarios():
+            print(name)
+        return VERIFIED
+    try:
+        check_available(arguments.guess)
+        if not arguments.max_seconds > 0:
+            raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
+        scenario = Scenario.load(arguments.scenario)
+        folder = arguments.out or Path("artifacts") / "plans" / scenario.name
+        folder.mkdir(parents=True, exist_ok=True)
+    except (ValueError, OSError) as error:
+        print(_one_line(error), file=sys.stderr)
+        return BAD_INPUT
+    result = plan(scenario, arguments.guess, arguments.horizon, arguments.max_seconds)
+    result.save(folder)
+    if not arguments.no_pictures:
+        _save_pictures(result, folder)
+    print(_summary(result))
+    print(f"written to {folder}")
+    return VERIFIED if result.verified else NOT_VERIFIED
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return f"{error.filename}: --out: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def _save_pictures(result: Plan, folder: Path) -> None:
+    scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
+    title = f"{scenario.name}: {result.status}"
+    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title)
+    for name in ("states.png", "replay.html"):
+        (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
+    if trajectory is not None:
+        save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
+        save_replay(folder / "replay.html", scenario, trajectory)
+
+
+def _summary(result: Plan) -> str:
+    line = f"{result.scenario.name}: {result.status} in {result.total_seconds:.2f} s (guess {result.guess_source}"
+    line += f", {sum(a.iterations for a in result.attempts)} iterations, {len(result.attempts)} attempts)"
+    if result.trajectory is not None and result.cost is not None and result.verification is not None:
+        clearance = result.verification.min_clearance_m
+        line += f"; {result.trajectory.duration:.1f} s long, cost {result.cost.J:.2f}, clearance {clearance:.2f} m"
+    reasons = [f"  {a.guess}: {a.reason}" for a in result.attempts if a.reason]
+    return "\n".join([line, *reasons])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""What planning returns: the plan, the attempts that led to it, and the files that hold them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from drake_gnnocp.ocp.cost import Cost
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory, write_atomically
+from drake_gnnocp.verification import Verification
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One guess and what became of it."""
+
+    guess: str  # source of the guess
+    guess_seconds: float  # s
+    build_seconds: float  # s, all rounds
+    solve_seconds: float  # s, all rounds
+    iterations: int  # of Ipopt, all rounds
+    refinements: int  # rounds after the first solve
+    solver_status: str  # Ipopt's last word, "" where there was no solve
+    cost: float | None  # J
+    verified: bool
+    reason: str  # why it was given up; empty when verified
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A planned trajectory with its verification; `status` says whether it may be driven."""
+
+    scenario: Scenario
+    status: str  # "verified" | "unverified" (optimised, but the check found faults) | "failed" (nothing was solved)
+    guess_source: str
+    trajectory: Trajectory | None
+    guess: Trajectory | None  # what the solver started from in the attempt that is reported
+    verification: Verification | None
+    cost: Cost | None
+    attempts: tuple[Attempt, ...]
+    total_seconds: float  # s
+
+    @property
+    def verified(self) -> bool:
+        """Whether the independent check passed."""
+        return self.status == "verified"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of result.json."""
+        return {
+            "scenario": self.scenario.name,
+            "status": self.status,
+            "guess": self.guess_source,
+            "total_seconds": self.total_seconds,
+            "t_final": None if self.trajectory is None else self.trajectory.duration,
+            "cost": None if self.cost is None else asdict(self.cost),
+            "attempts": [asdict(attempt) for attempt in self.attempts],
+            "verification": None if self.verification is None else self.verification.to_dict(),
+        }
+
+    def save(self, folder: Path | str) -> None:
+        """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.scenario.save(folder / "scenario.json")
+        for name, trajectory in (("trajectory.csv", self.trajectory), ("guess.csv", self.guess)):
+            if trajectory is None:
+                (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
+            else:
+                trajectory.save_csv(folder / name)
+        write_atomically(folder / "result.json", json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")

@@ -1,0 +1,95 @@
+"""A trajectory: states and inputs at knots in time, between which the inputs are linear."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drake_gnnocp.vehicle import Input, State
+
+COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States and inputs at N knots.
+
+    Raises:
+        ValueError: the arrays do not belong together.
+    """
+
+    t: np.ndarray  # (N,) s, increasing
+    states: np.ndarray  # (N, 5) x, y, theta, v, phi [m, m, rad, m/s, rad]
+    inputs: np.ndarray  # (N, 2) a, w [m/s^2, rad/s]
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        if n < 2 or self.t.shape != (n,) or self.states.shape != (n, 5) or self.inputs.shape != (n, 2):
+            raise ValueError(
+                f"trajectory: t, states, inputs must be (N,), (N, 5), (N, 2) with N >= 2, not "
+                f"{self.t.shape}, {self.states.shape}, {self.inputs.shape}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def duration(self) -> float:
+        """From the first knot to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(N, 3) x, y, theta [m, m, rad]."""
+        return self.states[:, : State.V]
+
+    def column(self, which: State | Input) -> np.ndarray:
+        """One state or input over the knots: (N,)."""
+        return (self.states if isinstance(which, State) else self.inputs)[:, which]
+
+    def resampled(self, n: int) -> Trajectory:
+        """The trajectory at n knots equally spaced in time, linearly interpolated (as the paper does)."""
+        t = np.linspace(self.t[0], self.t[-1], n)
+        values = np.hstack([self.states, self.inputs])
+        columns = np.stack([np.interp(t, self.t, column) for column in values.T], axis=1)
+        return Trajectory(t, columns[:, :5], columns[:, 5:])
+
+    def translated(self, dx: float, dy: float) -> Trajectory:
+        """The trajectory moved by (dx, dy) [m]."""
+        states = self.states.copy()
+        states[:, State.X] += dx
+        states[:, State.Y] += dy
+        return Trajectory(self.t, states, self.inputs)
+
+    def save_csv(self, path: Path | str) -> None:
+        """Write one row a knot with the header t,x,y,theta,v,phi,a,w; every double keeps its exact value."""
+        rows = np.column_stack([self.t, self.states, self.inputs])
+        lines = [",".join(COLUMNS), *(",".join(repr(float(value)) for value in row) for row in rows)]
+        write_atomically(Path(path), "\n".join(lines) + "\n")
+
+    @classmethod
+    def load_csv(cls, path: Path | str) -> Trajectory:
+        """Read what `save_csv` wrote.
+
+        Raises:
+            ValueError: the header or the shape is not that of a trajectory.
+        """
+        with open(path, encoding="utf-8") as file:
+            header = tuple(file.readline().strip().split(","))
+            if header != COLUMNS:
+                raise ValueError(f"{path}: header: must be {','.join(COLUMNS)}, not {','.join(header)}")
+            rows = np.loadtxt(file, delimiter=",", ndmin=2)
+        return cls(rows[:, 0], rows[:, 1:6], rows[:, 6:])
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write text to a temporary file beside path, then rename: a killed run leaves no half-written file."""
+    temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
