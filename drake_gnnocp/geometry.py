@@ -38,21 +38,36 @@ def polygons_of(ring: np.ndarray) -> list[shapely.Polygon]:
     Raises:
         ValueError: the ring has fewer than three vertices, no area, or crosses itself.
     """
+    ring = np.asarray(ring, dtype=float)
+    if not np.isfinite(ring).all():
+        raise ValueError("has a vertex that is not finite")
     ring = clean_ring(ring)
     if len(ring) < 3:
-        raise ValueError(f"needs at least 3 different vertices, has {len(ring)}")
+        raise ValueError("has fewer than 3 different vertices")
     polygon = shapely.Polygon(ring)
     if polygon.is_valid and polygon.area > SMALLEST_AREA:
         return [polygon]
-    repaired = shapely.make_valid(polygon)
-    pieces = [piece for piece in shapely.get_parts(repaired) if isinstance(piece, shapely.Polygon)]
-    if len(pieces) < len(shapely.get_parts(repaired)):
+    return _pieces(ring)
+
+
+def _pieces(ring: np.ndarray) -> list[shapely.Polygon]:
+    """The polygons of a clean ring that is not simple, where it is at least free of crossings.
+
+    Let S_k be the area that the ring winds around k times. It encloses sum k S_k, the even-odd region has S_-1 + S_1,
+    and the region of all that is wound around has S_-1 + S_1 + S_2: all three agree only without S_-1 and S_2, which
+    every crossing brings about.
+    """
+    origin = ring[0]  # relative to it, coordinates far from the origin keep their precision
+    polygon = shapely.Polygon(ring - origin)
+    even_odd = shapely.make_valid(polygon)
+    pieces = [piece for piece in shapely.get_parts(even_odd) if isinstance(piece, shapely.Polygon)]
+    if len(pieces) < len(shapely.get_parts(even_odd)) or even_odd.area <= SMALLEST_AREA:
         raise ValueError("has no area, or runs back along one of its own edges")
-    if abs(repaired.area - signed_area(ring)) > AREA_TOLERANCE * repaired.area:
-        raise ValueError("crosses itself")
-    if repaired.area <= SMALLEST_AREA:
-        raise ValueError("has no area")
-    return pieces
+    wound = shapely.make_valid(polygon, method="structure", keep_collapsed=False)
+    for area in (signed_area(ring), wound.area):
+        if abs(even_odd.area - area) > AREA_TOLERANCE * even_odd.area:
+            raise ValueError("crosses itself")
+    return [shapely.transform(piece, lambda points: points + origin) for piece in pieces]
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
@@ -76,25 +91,30 @@ def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
 
 
 def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int]]:
-    """Merge neighbouring parts, counter-clockwise vertex ids each, until no union of two is convex."""
-    for i in range(len(parts)):
-        for j in range(i + 1, len(parts)):
-            union = _union_across_edge(parts[i], parts[j])
-            if union is not None and _is_convex(vertices[union]):
-                rest = parts[:i] + parts[i + 1 : j] + parts[j + 1 :]
-                return _merge_convex([*rest, union], vertices)
-    return parts
+    """Merge parts, counter-clockwise vertex ids each, across every inner edge that convexity does not need.
+
+    One pass is enough: a merge only widens the angles at the ends of the edges that are left.
+    """
+    parts = list(parts)
+    owner = {edge: i for i, part in enumerate(parts) for edge in _edges(part)}
+    for u, v in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
+        i, j = owner[u, v], owner[v, u]
+        union = _union_across_edge(parts[i], parts[j], (u, v))
+        if _is_convex(vertices[union]):
+            owner.update({edge: i for edge in _edges(parts[j])})
+            parts[i], parts[j] = union, []
+    return [part for part in parts if part]
 
 
-def _union_across_edge(first: list[int], second: list[int]) -> list[int] | None:
-    """Join two counter-clockwise rings of vertex ids that share an edge, or None where they share none."""
-    edges = {(second[k - 1], second[k]): k for k in range(len(second))}
-    for k in range(len(first)):
-        shared = edges.get((first[k], first[k - 1]))
-        if shared is not None:
-            others = [second[(shared + s) % len(second)] for s in range(1, len(second) - 1)]
-            return first[:k] + others + first[k:]
-    return None
+def _edges(part: list[int]) -> list[tuple[int, int]]:
+    return list(zip(part, [*part[1:], part[0]], strict=True))
+
+
+def _union_across_edge(first: list[int], second: list[int], edge: tuple[int, int]) -> list[int]:
+    """Join two counter-clockwise rings of vertex ids; the edge (u, v) is one of the first, (v, u) of the second."""
+    u, v = edge
+    i, j = first.index(v), second.index(u)  # from v around the first to u, then around the second back to v
+    return first[i:] + first[:i] + (second[j:] + second[:j])[1:-1]
 
 
 def _is_convex(ring: np.ndarray) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
@@ -14,12 +13,15 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.geometry import convex_parts, polygons_of
+from drake_gnnocp.tpcap import parse_tpcap
 from drake_gnnocp.trajectory import write_atomically
-from drake_gnnocp.vehicle import Vehicle
+from drake_gnnocp.vehicle import LARGEST, Vehicle
 
 KEYS = ("name", "start", "goal", "obstacles", "bounds", "vehicle")
 REQUIRED_KEYS = KEYS[:4]
-TPCAP_VEHICLE = Vehicle(width=1.942, v_max=2.5, a_max=1.0, phi_max=0.75, w_max=0.5)
+POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
+LONGEST_NAME = 100  # bytes, names of files end at 255
+ROUNDING = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
 
 class ScenarioError(ValueError):
@@ -44,24 +46,25 @@ class Scenario:
     def __post_init__(self) -> None:
         for j, ring in enumerate(self.obstacles):
             try:
-                polygons_of(ring - ring[0])
+                polygons_of(ring)
             except ValueError as error:
                 raise ScenarioError(f"obstacles[{j}]: {error}") from None
         if self.bounds is not None and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
-            raise ScenarioError(f"bounds: must be [xmin, xmax, ymin, ymax] with min < max, not {list(self.bounds)}")
+            raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         for which, pose in (("start", self.start), ("goal", self.goal)):
             self._check_pose(which, pose)
 
     def _check_pose(self, which: str, pose: np.ndarray) -> None:
+        if np.shape(pose) != (3,) or not np.isfinite(pose).all():
+            raise ScenarioError(f"{which}: must be 3 finite numbers, not {pose}")
         footprint = self.vehicle.footprints(pose - np.append(pose[:2], 0.0))[0]  # in a frame that moves with the car
         if self.bounds is not None:
-            xmin, xmax, ymin, ymax = self.bounds
-            (left, low), (right, high) = footprint.min(axis=0) + pose[:2], footprint.max(axis=0) + pose[:2]
-            if left < xmin or right > xmax or low < ymin or high > ymax:
+            low, high = np.reshape(self.bounds, (2, 2)).T - pose[:2]
+            if (footprint < low - ROUNDING).any() or (footprint > high + ROUNDING).any():
                 raise ScenarioError(f"{which}: the car leaves the bounds {list(self.bounds)}")
         car = shapely.Polygon(footprint)
         for j, ring in enumerate(self.obstacles):
-            if any(car.intersects(polygon) for polygon in polygons_of(ring - pose[:2])):
+            if any(car.dwithin(polygon, ROUNDING) for polygon in polygons_of(ring - pose[:2])):
                 raise ScenarioError(f"{which}: the car collides with obstacles[{j}]")
 
     @cached_property
@@ -101,19 +104,15 @@ class Scenario:
         if str(source) in bundled_scenarios():
             return cls.load(_bundled_folder() / f"{source}.json")
         path = Path(source)
-        reader = {".json": _read_json, ".csv": _read_tpcap}.get(path.suffix.lower())
-        if reader is None:
+        suffix = path.suffix.lower()
+        if suffix not in (".json", ".csv"):
             known = ", ".join(bundled_scenarios())
             raise ScenarioError(f"{source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
         try:
-            if path.is_dir():
-                raise ScenarioError("file: is a folder")
-            return reader(path.read_text(encoding="utf-8-sig"), path.stem)
-        except ScenarioError as error:
+            text = _read_text(path)
+            return cls.from_dict(_parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
+        except ValueError as error:
             raise ScenarioError(f"{source}: {error}") from None
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-            raise ScenarioError(f"{source}: file: {reason}") from None
 
     @classmethod
     def from_dict(cls, data: Any) -> Scenario:
@@ -123,7 +122,7 @@ class Scenario:
             ScenarioError: a key is missing, unknown or has an illegal value; the message names it.
         """
         if not isinstance(data, dict):
-            raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}")
+            raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {data!r:.60}")
         for key in data:
             if key not in KEYS:
                 raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
@@ -131,11 +130,11 @@ class Scenario:
             if key not in data:
                 raise ScenarioError(f"{key}: missing")
         bounds = data.get("bounds")
-        xmin, xmax, ymin, ymax = _numbers("bounds", bounds, 4) if bounds is not None else (0.0, 0.0, 0.0, 0.0)
+        xmin, xmax, ymin, ymax = _numbers("bounds", bounds, BOUNDS) if bounds is not None else (0.0, 0.0, 0.0, 0.0)
         return cls(
             name=_name(data["name"]),
-            start=_numbers("start", data["start"], 3),
-            goal=_numbers("goal", data["goal"], 3),
+            start=_numbers("start", data["start"], POSE),
+            goal=_numbers("goal", data["goal"], POSE),
             obstacles=_rings(data["obstacles"]),
             bounds=None if bounds is None else (float(xmin), float(xmax), float(ymin), float(ymax)),
             vehicle=_vehicle(data.get("vehicle")),
@@ -168,14 +167,27 @@ def _bundled_folder() -> Path:
     return Path(str(resources.files("drake_gnnocp") / "scenarios"))
 
 
-def _read_json(text: str, _stem: str) -> Scenario:
+def _read_text(path: Path) -> str:
     try:
-        data = json.loads(text, object_pairs_hook=_unique_keys)
+        if path.is_dir():
+            raise ScenarioError("file: is a folder")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ScenarioError(f"file: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError("file: is not UTF-8 text") from None
+    if not text.strip():
+        raise ScenarioError("file: is empty")
+    return text
+
+
+def _parse_json(text: str) -> Any:
+    try:
+        return json.loads(text, object_pairs_hook=_unique_keys, parse_int=float)  # int() fails on 5,000 digits
     except json.JSONDecodeError as error:
-        raise ScenarioError(f"line {error.lineno}: is not JSON: {error.msg}") from None
+        raise ScenarioError(f"line {error.lineno}, column {error.colno}: is not JSON: {error.msg}") from None
     except RecursionError:
         raise ScenarioError("file: is nested too deeply") from None
-    return Scenario.from_dict(data)
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -186,65 +198,37 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return data
 
 
-def _read_tpcap(text: str, stem: str) -> Scenario:
-    """Read one row `x0,y0,th0, xf,yf,thf, n, count_1..count_n, x,y of every vertex`."""
-    cells = [cell.strip() for cell in text.replace("\n", ",").split(",") if cell.strip()]
-    values = np.array([_cell(i, cell) for i, cell in enumerate(cells)])
-    if len(values) < 7:
-        raise ScenarioError(f"row 1: needs start, goal and the number of obstacles (7 numbers), has {len(values)}")
-    n = _count("number of obstacles", values[6], least=0)
-    if len(values) < 7 + n:
-        raise ScenarioError(f"vertex counts: needs {n} of them, has {len(values) - 7}")
-    counts = [_count(f"vertex count of obstacles[{j}]", value, least=3) for j, value in enumerate(values[7 : 7 + n])]
-    vertices = values[7 + n :]
-    if len(vertices) != 2 * sum(counts):
-        raise ScenarioError(f"vertices: the counts ask for {2 * sum(counts)} numbers, there are {len(vertices)}")
-    rings = np.split(vertices.reshape(-1, 2), np.cumsum(counts)[:-1]) if n else []
-    return Scenario(_name(stem), values[0:3], values[3:6], tuple(rings), vehicle=TPCAP_VEHICLE)
-
-
-def _cell(i: int, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        raise ScenarioError(f"number {i + 1}: {cell!r} is not a number") from None
-    if not math.isfinite(value):
-        raise ScenarioError(f"number {i + 1}: must be finite, not {cell}")
-    return value
-
-
-def _count(what: str, value: float, least: int) -> int:
-    if value != int(value) or value < least:
-        raise ScenarioError(f"{what}: must be a whole number of at least {least}, not {value:g}")
-    return int(value)
-
-
 def _name(value: Any) -> str:
     # the name becomes a folder under artifacts/plans
-    if not isinstance(value, str) or not value.strip(" .") or any(c in '/\\\0\n\r' for c in value) or len(value) > 100:
-        raise ScenarioError(f"name: must be a plain name without slashes, not {value!r:.60}")
+    if not isinstance(value, str) or not value.strip(" ."):
+        raise ScenarioError(f"name: must be a text that can name a folder, not {value!r:.60}")
+    if not value.isprintable() or "/" in value or "\\" in value:
+        raise ScenarioError(f"name: must have no slashes or unprintable characters, unlike {value!r:.60}")
+    if len(value.encode()) > LONGEST_NAME:
+        raise ScenarioError(f"name: must be at most {LONGEST_NAME} bytes long, unlike {value!r:.60}")
     return value
 
 
-def _numbers(what: str, value: Any, n: int) -> np.ndarray:
+def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
+    n = len(meaning.split(","))
     if not isinstance(value, list | tuple) or len(value) != n:
-        raise ScenarioError(f"{what}: must be a list of {n} numbers")
+        raise ScenarioError(f"{what}: must be {n} numbers [{meaning}], not {value!r:.60}")
     for i, number in enumerate(value):
         if isinstance(number, bool) or not isinstance(number, int | float):
             raise ScenarioError(f"{what}[{i}]: must be a number, not {number!r:.60}")
-        if not abs(number) <= 1e15:  # NaN as well
-            raise ScenarioError(f"{what}[{i}]: must be finite and below 1e15, not {number!r:.60}")
+        if not abs(number) <= LARGEST:  # NaN as well
+            raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {number!r:.60}")
     return np.array(value, dtype=float)
 
 
 def _rings(value: Any) -> tuple[np.ndarray, ...]:
     if not isinstance(value, list | tuple):
-        raise ScenarioError("obstacles: must be a list of polygons")
+        raise ScenarioError(f"obstacles: must be a list of polygons, not {value!r:.60}")
     rings = []
     for j, ring in enumerate(value):
         if not isinstance(ring, list | tuple) or len(ring) < 3:
-            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices")
-        rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, 2) for k, vertex in enumerate(ring)]))
+            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {ring!r:.60}")
+        rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, "x, y") for k, vertex in enumerate(ring)]))
     return tuple(rings)
 
 
@@ -252,7 +236,7 @@ def _vehicle(value: Any) -> Vehicle:
     if value is None:
         return Vehicle()
     if not isinstance(value, dict):
-        raise ScenarioError("vehicle: must be an object")
+        raise ScenarioError(f"vehicle: must be an object, not {value!r:.60}")
     try:
         return Vehicle.from_dict(value)
     except ValueError as error:

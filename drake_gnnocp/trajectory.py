@@ -75,14 +75,25 @@ class Trajectory:
         """Read what `save_csv` wrote.
 
         Raises:
-            ValueError: the header or the shape is not that of a trajectory.
+            ValueError: the header or a row is not that of a trajectory; the message names the file and the line.
         """
-        with open(path, encoding="utf-8") as file:
-            header = tuple(file.readline().strip().split(","))
-            if header != COLUMNS:
-                raise ValueError(f"{path}: header: must be {','.join(COLUMNS)}, not {','.join(header)}")
-            rows = np.loadtxt(file, delimiter=",", ndmin=2)
+        lines = Path(path).read_text(encoding="utf-8").splitlines() or [""]
+        if lines[0].strip() != ",".join(COLUMNS):
+            raise ValueError(f"{path}: header: must be {','.join(COLUMNS)}, not {lines[0]:.80}")
+        rows = np.array([_row(f"{path}: line {i}", line) for i, line in enumerate(lines[1:], start=2)])
+        if len(rows) < 2:
+            raise ValueError(f"{path}: needs at least 2 rows, has {len(rows)}")
         return cls(rows[:, 0], rows[:, 1:6], rows[:, 6:])
+
+
+def _row(where: str, line: str) -> list[float]:
+    try:
+        values = [float(cell) for cell in line.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != len(COLUMNS):
+        raise ValueError(f"{where}: must be {len(COLUMNS)} numbers, not {line:.80}")
+    return values
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+LARGEST = 1e15  # beyond it the squares of lengths lose all digits or overflow
+
 
 class State(IntEnum):
     """Columns of a state array."""
@@ -54,8 +56,10 @@ class Vehicle:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             may_be_zero = name in ("front_hang", "rear_hang")
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"vehicle.{name}: must be a finite number, not {value!r}")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"vehicle.{name}: must be a number, not {value!r:.60}")
+            if not abs(value) <= LARGEST:  # NaN as well
+                raise ValueError(f"vehicle.{name}: must be finite and at most {LARGEST:g}, not {value!r:.60}")
             if value < 0 or (value == 0 and not may_be_zero):
                 raise ValueError(f"vehicle.{name}: must be positive, not {value!r}")
         if self.phi_max >= math.pi / 2:

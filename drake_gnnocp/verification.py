@@ -3,7 +3,7 @@ r"""Verification of a plan by code that shares nothing with the optimal control 
 The inputs of the trajectory, linear between knots, drive the bicycle model from the scenario's start. With them v and
 phi are known in closed form (quadratics in time), so theta, x and y are plain integrals,
 
-    theta(t) = theta_0 + int v tan(phi) / L_w dt,   x(t) = x_0 + int v cos(theta) dt,   y(t) = y_0 + int v sin(theta) dt,
+    theta(t) = theta_0 + int v tan(phi) / L_w dt,  x(t) = x_0 + int v cos(theta) dt,  y(t) = y_0 + int v sin(theta) dt,
 
 which Simpson's rule gives on steps of at most 5 ms. The footprint is then checked against the exact polygons.
 """
@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.scenario import ROUNDING, Scenario
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.vehicle import Input, State, Vehicle
+from drake_gnnocp.vehicle import LARGEST, Input, State, Vehicle
 
 MAX_STEP = 0.005  # s, of the integration
 CHECK_STEP = 2  # footprints are checked at every second integration step, 10 ms apart
@@ -65,11 +65,8 @@ class Verification:
         return [fault for fault, ok in checks.items() if not ok]
 
     def to_dict(self) -> dict[str, Any]:
-        """All findings by name; an infinite clearance becomes None, as JSON has no infinity."""
-        found = asdict(self)
-        if math.isinf(self.min_clearance_m):
-            found["min_clearance_m"] = None
-        return found
+        """All findings by name; what is infinite (no obstacles) or NaN becomes None, as JSON has neither."""
+        return {name: value if math.isfinite(value) else None for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def drive(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> Driven
 
 
 def _integral_of_linear(u0: np.ndarray, du: np.ndarray, h: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """int u dt from 0 at the first knot, for u = u0 + du tau on every interval: (2 steps intervals + 1,)."""
+    """Integral of u from 0 at the first knot, for u = u0 + du tau on every interval: (2 steps intervals + 1,)."""
     within = h[:, None] * (u0[:, None] * tau + 0.5 * du[:, None] * tau**2)
     at_knots = np.append(0.0, np.cumsum(h * (u0 + 0.5 * du)))
     return np.append((at_knots[:-1, None] + within).ravel(), at_knots[-1])
@@ -133,10 +130,10 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
         scenario: the task; best near the origin (see `Scenario.translated`).
         trajectory: in the scenario's frame.
     """
-    if not (np.isfinite(trajectory.states).all() and np.isfinite(trajectory.inputs).all()):
+    motion = _drive_if_possible(scenario, trajectory)
+    if motion is None:
         nan = math.nan
         return Verification(False, 0.0, nan, nan, nan, False, False, False)
-    motion = drive(scenario.start, trajectory, scenario.vehicle)
     error = motion.states[-1, :3] - scenario.goal
     knots = motion.states[:: motion.steps_per_interval, : State.THETA]
     gap = np.linalg.norm(knots - trajectory.states[:, : State.THETA], axis=1)
@@ -152,6 +149,16 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
         bounds_ok=_within_bounds(scenario, footprints),
         ends_ok=_ends_at_rest(scenario, motion, trajectory),
     )
+
+
+def _drive_if_possible(scenario: Scenario, trajectory: Trajectory) -> DrivenMotion | None:
+    """The driven motion, or None where numbers are missing, time does not advance or the inputs overflow."""
+    numbers = np.column_stack([trajectory.t, trajectory.states, trajectory.inputs])
+    if not np.isfinite(numbers).all() or not (np.diff(trajectory.t) > 0).all():
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        motion = drive(scenario.start, trajectory, scenario.vehicle)
+    return motion if np.abs(motion.states).max() <= LARGEST else None  # None for NaN as well
 
 
 def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:
@@ -179,14 +186,14 @@ def _within_bounds(scenario: Scenario, footprints: np.ndarray) -> bool:
         return True
     xmin, xmax, ymin, ymax = scenario.bounds
     low, high = footprints.min(axis=(0, 1)), footprints.max(axis=(0, 1))
-    return bool(low[0] >= xmin and high[0] <= xmax and low[1] >= ymin and high[1] <= ymax)
+    inside = min(low[0] - xmin, xmax - high[0], low[1] - ymin, ymax - high[1])
+    return bool(inside >= -ROUNDING)
 
 
 def _ends_at_rest(scenario: Scenario, motion: DrivenMotion, trajectory: Trajectory) -> bool:
     start_error = trajectory.states[0, :3] - scenario.start
-    at_rest = np.concatenate(
-        [trajectory.states[[0, -1], State.V :].ravel(), trajectory.inputs[[0, -1]].ravel(), motion.states[-1, State.V :]]
-    )
+    ends = np.hstack([trajectory.states, trajectory.inputs])[[0, -1], State.V :]
+    at_rest = np.append(ends, motion.states[-1, State.V :])
     return bool(np.abs(start_error).max() <= REST_TOLERANCE and np.abs(at_rest).max() <= REST_TOLERANCE)
 
 

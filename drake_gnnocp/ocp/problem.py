@@ -24,7 +24,7 @@ class ProblemOptions:
     weights: CostWeights = field(default_factory=CostWeights)
     margin: float = 0.05  # m, clearance asked of the triangle areas at the knots
     bounds_margin: float = 0.02  # m, clearance asked of the bounds at the knots
-    near: float = 3.0  # m, rows farther from their obstacle at the guess are left out
+    near: float = 2.0  # m, rows farther from their obstacle at the guess are left out
     free_horizon: bool = False  # whether the duration is a decision variable
 
 
@@ -58,7 +58,7 @@ def build(
     add_limits(program, variables, vehicle)
     add_ends(program, variables, scenario.start, scenario.goal + [0.0, 0.0, turns])
     add_dynamics(program, variables, vehicle)
-    rows = near_rows(poses, list(scenario.convex_obstacles), vehicle, options.near)
+    rows = near_rows(poses, scenario.convex_obstacles, vehicle, options.near)
     add_triangle_areas(program, variables, rows, options.margin)
     if scenario.bounds is not None:
         add_workspace(program, variables, vehicle, scenario.bounds, poses, options.near, options.bounds_margin)

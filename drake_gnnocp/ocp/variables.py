@@ -96,10 +96,18 @@ def add_block(
     shape = (len(lower), len(variables))
     flat = rows * shape[1] + columns
 
+    last_x, last = np.full(len(variables), np.nan), (lower, np.zeros(len(rows)))
+
     def evaluate(x: np.ndarray) -> np.ndarray:
-        if x.dtype == float:
-            return function(x)[0]
-        values, entries = function(ExtractValue(x).ravel())
+        # Ipopt asks for the values at a trial point and, once it is accepted, for the Jacobian there
+        nonlocal last_x, last
+        with_gradient = x.dtype != float
+        point = ExtractValue(x).ravel() if with_gradient else x
+        if not np.array_equal(point, last_x):
+            last_x, last = point.copy(), function(point)
+        values, entries = last
+        if not with_gradient:
+            return values
         jacobian = np.zeros(shape)
         jacobian.flat[flat] = entries
         return InitializeAutoDiff(values, jacobian)

@@ -1,0 +1,150 @@
+"""The map of a plan: obstacles, the guess, the optimised path of the rear axle and the footprints along it."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
+
+from drake_gnnocp.pictures import style
+from drake_gnnocp.pictures.scene import extent, polygons_near, readable_origin, relative
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import State, Vehicle
+
+FOOTPRINT_SPACING = 1.5  # m of arc length between footprints
+FOOTPRINTS = (6, 60)  # the least and the most of them
+MARGIN = 0.03  # of the larger side, free space around the drawing
+MAP_SIZE = (6.6, 6.2)  # inch, the map fits into this ...
+LEGEND_ROOM = (2.1, 0.8)  # inch, ... and legend, labels and title need this beside and above it
+
+
+def draw_map(
+    ax: Axes,
+    scenario: Scenario,
+    trajectory: Trajectory | None = None,
+    guess: Trajectory | None = None,
+    title: str | None = None,
+) -> Axes:
+    """Draw a scenario from above with a plan in it, to scale.
+
+    Maps far from zero are drawn relative to an origin near the start, which the axis labels give.
+
+    Args:
+        ax: axes to draw on; its limits, labels and legend (to the right of it) are set.
+        scenario: obstacles, bounds, start and goal.
+        trajectory: the optimised plan, None where nothing was found.
+        guess: what the solver started from.
+        title: written above the map.
+
+    Returns:
+        ax
+    """
+    origin = readable_origin(scenario)
+    style.dress(ax)
+    _draw_obstacles(ax, polygons_near(scenario, origin))
+    if scenario.bounds is not None:
+        _draw_bounds(ax, np.array(scenario.bounds).reshape(2, 2).T - origin)
+    if trajectory is not None:
+        _draw_footprints(ax, scenario.vehicle, relative(trajectory.poses, origin))
+    if guess is not None:
+        ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
+    if trajectory is not None:
+        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label="optimised path", zorder=5)
+    _draw_car(ax, scenario.vehicle, relative(scenario.start, origin), style.START, "start")
+    _draw_car(ax, scenario.vehicle, relative(scenario.goal, origin), style.GOAL, "goal")
+    _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
+    if title:
+        ax.set_title(title, fontsize=style.TITLE_SIZE)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False, fontsize=style.LABEL_SIZE)
+    return ax
+
+
+def save_plan_picture(
+    path: FilePath | str,
+    scenario: Scenario,
+    trajectory: Trajectory | None,
+    guess: Trajectory | None,
+    title: str | None,
+) -> None:
+    """Write the map of a plan as a picture (PNG, or what the suffix says)."""
+    low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
+    width, height = high - low
+    scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
+    figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title)
+    style.save_figure(figure, path)
+
+
+def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return trajectory.column(State.X) - origin[0], trajectory.column(State.Y) - origin[1]
+
+
+def _draw_obstacles(ax: Axes, polygons: list[shapely.Polygon]) -> None:
+    for i, polygon in enumerate(polygons):
+        rings = [np.asarray(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
+        outline = Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
+        label = "obstacles" if i == 0 else None
+        ax.add_patch(
+            PathPatch(outline, facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE, lw=0.8, label=label, zorder=2)
+        )
+
+
+def _draw_bounds(ax: Axes, corners: np.ndarray) -> None:
+    (left, low), (width, height) = corners[0], corners[1] - corners[0]
+    dash_dot = (0, (6, 2, 1, 2))
+    ax.add_patch(Rectangle((left, low), width, height, fill=False, ec=style.LIMIT, ls=dash_dot, label="bounds"))
+
+
+def _draw_footprints(ax: Axes, vehicle: Vehicle, poses: np.ndarray) -> None:
+    """Rectangles evenly spaced in arc length, light at the start and darker towards the end."""
+    steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    if not np.isfinite(arc[-1]) or arc[-1] == 0:
+        return
+    n = int(np.clip(round(arc[-1] / FOOTPRINT_SPACING), *FOOTPRINTS)) + 1
+    at = np.linspace(0.0, arc[-1], n)
+    shown = vehicle.footprints(np.stack([np.interp(at, arc, column) for column in poses.T], axis=1))
+    age = np.linspace(0.0, 1.0, n)
+    edges = np.column_stack([np.tile(to_rgb(style.SWEPT), (n, 1)), 0.55 + 0.40 * age])
+    faces = np.column_stack([np.tile(to_rgb(style.SWEPT), (n, 1)), 0.04 + 0.12 * age])
+    ax.add_collection(
+        PolyCollection(list(shown), edgecolors=edges, facecolors=faces, linewidths=0.7, label="footprints", zorder=3),
+        autolim=False,
+    )
+
+
+def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: str) -> None:
+    """The car's outline, with an arrow from the rear axle to the front bumper as its heading."""
+    outline = vehicle.footprints(pose)[0]
+    ax.add_patch(Polygon(outline, facecolor=(*to_rgb(color), 0.18), edgecolor=color, lw=1.8, label=label, zorder=6))
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    front, half = vehicle.wheelbase + 0.6 * vehicle.front_hang, 0.21 * vehicle.width
+    arrow = np.array([[0.0, 0.0], [front, 0.0], [front - 2.2 * half, half], [front - 2.2 * half, -half], [front, 0.0]])
+    x, y = np.array([[cos, -sin], [sin, cos]]) @ arrow.T + pose[:2, None]
+    ax.plot(x[:2], y[:2], color=color, linewidth=1.4, zorder=6, solid_capstyle="butt")
+    ax.fill(x[1:], y[1:], color=color, zorder=6, linewidth=0)
+    ax.plot(x[0], y[0], "o", color=color, markersize=3.5, zorder=6)
+
+
+def _frame(ax: Axes, box: np.ndarray, origin: np.ndarray) -> None:
+    low, high = box
+    margin = MARGIN * float((high - low).max())
+    ax.set_xlim(low[0] - margin, high[0] + margin)
+    ax.set_ylim(low[1] - margin, high[1] + margin)
+    ax.set_aspect("equal")
+    ax.set_xlabel(_axis_label("x", origin[0]), fontsize=style.LABEL_SIZE)
+    ax.set_ylabel(_axis_label("y", origin[1]), fontsize=style.LABEL_SIZE)
+
+
+def _axis_label(name: str, offset: float) -> str:
+    if offset == 0:
+        return f"{name} [m]"
+    sign = "\N{MINUS SIGN}" if offset > 0 else "+"
+    return f"{name} {sign} {abs(offset):.0f} [m]"

@@ -1,0 +1,59 @@
+"""What a picture shows, in coordinates near zero.
+
+Some maps use world coordinates of 1e9 m: their tick labels are unreadable, and WebGL's 32-bit floats resolve only 512 m
+there. Everything is therefore drawn relative to an origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import shapely
+
+from drake_gnnocp.geometry import polygons_of
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+
+FAR_AWAY = 1e4  # m, from here on tick labels have too many digits to read
+
+
+def readable_origin(scenario: Scenario) -> np.ndarray:
+    """The point (2,) to draw relative to: zero, or for far-away maps whole metres near the start [m]."""
+    start = scenario.start[:2]
+    return np.round(start) if np.abs(start).max() > FAR_AWAY else np.zeros(2)
+
+
+def polygons_near(scenario: Scenario, origin: np.ndarray) -> list[shapely.Polygon]:
+    """The exact obstacles relative to an origin (2,) [m]."""
+    # not scenario.translated(): rounding may push a car that touches the bounds out of them, which is refused
+    return [polygon for ring in scenario.obstacles for polygon in polygons_of(ring - origin)]
+
+
+def relative(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Poses (N, 3) or one (3,) relative to an origin (2,) [m, m, rad]."""
+    return poses - np.append(origin, 0.0)
+
+
+def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin: np.ndarray) -> np.ndarray:
+    """The box around all that is drawn.
+
+    A failed attempt may run far away; it widens the box by at most the map's own size on each side.
+
+    Returns:
+        (2, 2) lower left and upper right corner relative to the origin [m].
+    """
+    ends = scenario.vehicle.footprints(relative(np.stack([scenario.start, scenario.goal]), origin))
+    points = [ends.reshape(-1, 2), *(ring - origin for ring in scenario.obstacles)]
+    if scenario.bounds is not None:
+        points.append(np.array(scenario.bounds).reshape(2, 2).T - origin)
+    fixed = np.concatenate(points)
+    low, high = fixed.min(axis=0), fixed.max(axis=0)
+    size = high - low
+    shown = [fixed]
+    for trajectory in trajectories:
+        if trajectory is not None:
+            swept = scenario.vehicle.footprints(relative(trajectory.poses, origin)).reshape(-1, 2)
+            shown.append(np.clip(swept[np.isfinite(swept).all(axis=1)], low - size, high + size))
+    drawn = np.concatenate(shown)
+    return np.stack([drawn.min(axis=0), drawn.max(axis=0)])

@@ -1,0 +1,1 @@
+"""Paths before optimal control: Hybrid A*, Reeds-Shepp curves and the speed planner."""

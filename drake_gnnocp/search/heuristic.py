@@ -1,0 +1,78 @@
+r"""Obstacle-aware cost-to-go: how far the rear axle's middle has to drive to the goal if the car were a disc.
+
+The largest disc around the rear axle's middle that is inside the car has the radius r = min(width / 2, rear hang). A
+grid cell is closed if the disc hits an obstacle wherever in the cell it is. Among the open cells the shortest
+8-connected distance to the goal, V, is the fixed point of
+
+    V(cell) = min over the neighbours n of V(n) + distance(cell, n),  V(goal) = 0,
+
+found by sweeping the whole grid with numpy until nothing changes: no heap, no order that could depend on anything.
+An infinite V at the start proves that there is no path.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.vehicle import Vehicle
+
+POOL = 2  # cells of the distance field along each side of a cell of the cost-to-go
+
+
+@dataclass(frozen=True, eq=False)
+class CostToGo:
+    """Distances to the goal at the cells of a grid."""
+
+    xmin: float  # m, left side of the grid
+    ymin: float  # m, lower side of the grid
+    cell: float  # m, side of a cell
+    values: np.ndarray  # (nx, ny) distance to the goal among open cells, infinite where there is no way [m]
+
+    @classmethod
+    def of(cls, field: DistanceField, vehicle: Vehicle, goal: np.ndarray) -> CostToGo:
+        """Compute the cost-to-go to a goal (3,) x, y, theta [m, m, rad] over the area of a distance field."""
+        widest = pooled(field.values)
+        radius = min(0.5 * vehicle.width, vehicle.rear_hang)
+        closed = widest + field.half_diagonal < radius
+        cell = POOL * field.cell
+        i = min(max(int((goal[0] - field.xmin) / cell), 0), closed.shape[0] - 1)
+        j = min(max(int((goal[1] - field.ymin) / cell), 0), closed.shape[1] - 1)
+        return cls(field.xmin, field.ymin, cell, _distances(closed, (i, j)) * cell)
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Cost-to-go at the points x, y (N,) each [m]: (N,) [m]."""
+        nx, ny = self.values.shape
+        i = ((x - self.xmin) * (1 / self.cell)).astype(np.intp)
+        j = ((y - self.ymin) * (1 / self.cell)).astype(np.intp)
+        return self.values[np.minimum(np.maximum(i, 0), nx - 1), np.minimum(np.maximum(j, 0), ny - 1)]
+
+
+def pooled(values: np.ndarray) -> np.ndarray:
+    """Largest value of each block of POOL x POOL cells."""
+    nx, ny = (math.ceil(n / POOL) for n in values.shape)
+    padded = np.zeros((nx * POOL, ny * POOL))
+    padded[: values.shape[0], : values.shape[1]] = values
+    return padded.reshape(nx, POOL, ny, POOL).max(axis=(1, 3))
+
+
+def _distances(closed: np.ndarray, goal: tuple[int, int]) -> np.ndarray:
+    """8-connected distances to the goal in cells, infinite at closed cells."""
+    nx, ny = closed.shape
+    padded = np.full((nx + 2, ny + 2), math.inf)  # a frame of infinity spares the neighbours at the rim
+    inner = padded[1:-1, 1:-1]
+    inner[goal] = 0.0
+    wall = np.where(closed, math.inf, 0.0)
+    shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
+    candidate = np.empty_like(inner)
+    while True:
+        before = inner.copy()
+        for a, b in shifts:
+            np.add(padded[1 + a : nx + 1 + a, 1 + b : ny + 1 + b], wall, out=candidate)
+            candidate += math.hypot(a, b)
+            np.minimum(inner, candidate, out=inner)
+        if np.array_equal(before, inner):
+            return inner.copy()

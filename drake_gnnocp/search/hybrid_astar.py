@@ -1,0 +1,211 @@
+r"""Hybrid A*: a collision-free path with gears among exact polygons (Dolgov et al. 2008), in plain Python and numpy.
+
+Two searches take turns, one from the start and one from the goal: the car's kinematics is reversible, and getting out
+of a slot is much easier to search than getting in. Heading cells of 45 degrees (the paper's) are coarse; when
+both searches end without a path, or take too long, the next stage looks with finer headings, shorter
+primitives and a smaller safety margin, in a fixed schedule. The path is then straightened, see `shortcut`.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.collision import Box, FootprintTest, Margins
+from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.search.graph_search import GraphSearch, Outcome, Resolution
+from drake_gnnocp.search.heuristic import CostToGo
+from drake_gnnocp.search.lattice import Lattice
+from drake_gnnocp.search.moves import Costs, Move, backwards, drive, merged
+from drake_gnnocp.search.path import GearedPath
+from drake_gnnocp.search.shortcut import shortened
+
+log = logging.getLogger(__name__)
+
+INSTALMENT = 100  # expansions each of the two searches does in turn
+FREE_MARGIN = 10.0  # m, of free space around start, goal and obstacles that is searched without bounds
+DETOUR = 30.0  # m, the search goes no further than this from the box around start and goal
+MOST_CELLS = 60_000  # of the distance field; larger areas get larger cells
+SMALLEST_CELL = 0.2  # m
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One entry of the schedule, relative to the options."""
+
+    position: float  # factor of the position resolution
+    heading: float  # factor of the heading resolution
+    length: float  # factor of the primitive length
+    margin: float  # factor of the safety margin
+    tight: float  # factor of the resolutions around a tight end
+    lattice: bool  # whether to use the better, slower heuristic
+    expansions: int  # most expansions of each of the two searches
+
+
+SCHEDULE = (
+    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=1.0, lattice=False, expansions=300),
+    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=0.6, lattice=True, expansions=500),
+    Stage(position=1.0, heading=1 / 3, length=0.7, margin=0.6, tight=0.3, lattice=True, expansions=1500),
+    Stage(position=1.0, heading=1 / 6, length=0.5, margin=0.25, tight=0.3, lattice=True, expansions=3000),
+    Stage(position=0.7, heading=1 / 9, length=0.4, margin=0.08, tight=0.3, lattice=True, expansions=15000),
+)
+
+
+@dataclass(frozen=True)
+class HybridAStarOptions:
+    """Options of the search; the resolutions are the paper's."""
+
+    position_resolution: float = 0.2  # m
+    heading_resolution: float = 0.785  # rad
+    tight_position_resolution: float = 0.07  # m, around an end where every primitive is blocked
+    tight_heading_resolution: float = 0.066  # rad, there: a move of 0.2 m at full lock turns the car by one cell
+    primitive_length: float = 1.0  # m
+    steering_levels: int = 5  # from full left to full right
+    margin: float = 0.12  # m, the car is grown by this on all sides
+    heuristic_weight: float = 2.0  # above 1: faster, less cheap paths
+    costs: Costs = field(default_factory=Costs)
+    schedule: tuple[Stage, ...] = SCHEDULE
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found."""
+
+    path: GearedPath | None  # from the start to the goal exactly, poses at most 0.2 m apart
+    status: str  # "found", "no path" or "out of time"
+    expansions: int  # nodes expanded in all stages
+
+
+DEFAULT_OPTIONS = HybridAStarOptions()
+
+
+def search(
+    scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS, deadline: float = math.inf
+) -> SearchResult:
+    """Find a path with gears from the scenario's start to its goal.
+
+    Coordinates should be near the origin (see `Scenario.translated`). The same input gives the same output unless the
+    deadline cuts in.
+
+    Args:
+        scenario: the task.
+        options: resolutions, costs and the schedule.
+        deadline: instant of time.monotonic() to give up at [s].
+    """
+    if time.monotonic() > deadline:
+        return SearchResult(None, "out of time", 0)
+    region = search_region(scenario)
+    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / MOST_CELLS))
+    cut_off = scenario.vehicle.width + 2.0 * (options.margin + cell)
+    world = DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
+    to_goal = CostToGo.of(world, scenario.vehicle, scenario.goal)
+    if math.isinf(to_goal.at(scenario.start[:1], scenario.start[1:2])[0]):
+        return SearchResult(None, "no path", 0)
+    to_start = CostToGo.of(world, scenario.vehicle, scenario.start)
+    lattices: tuple[Lattice | None, Lattice | None] = (None, None)
+    expansions = 0
+    for stage in options.schedule:
+        if stage.lattice and lattices[0] is None:
+            lattices = (
+                Lattice.of(world, scenario.vehicle, scenario.goal, to_goal, region, deadline),
+                Lattice.of(world, scenario.vehicle, scenario.start, to_start, region, deadline),
+            )
+        test = FootprintTest(scenario, world, region, Margins.of(scenario, stage.margin * options.margin))
+        searches = _searches(scenario, options, stage, test, (to_goal, to_start), lattices, region)
+        outcome = _take_turns(searches, stage.expansions, deadline)
+        moves = _best(searches)
+        expansions += sum(each.expansions for each in searches)
+        log.debug("%s: %s after %d expansions", stage, "path" if moves is not None else outcome.value, expansions)
+        if moves is not None:
+            moves = shortened(scenario, moves, test, options.costs, deadline)
+            return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
+        if outcome is Outcome.OUT_OF_TIME:
+            return SearchResult(None, "out of time", expansions)
+    return SearchResult(None, "no path", expansions)
+
+
+def search_region(scenario: Scenario) -> Box:
+    """The rectangle that is searched: xmin, xmax, ymin, ymax [m].
+
+    A far obstacle does not enlarge it, and bounds only ever shrink it.
+    """
+    vehicle = scenario.vehicle
+    ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
+    everything = np.concatenate([ends, *scenario.obstacles])
+    room = max(FREE_MARGIN, 2.0 * vehicle.turning_radius + vehicle.length)
+    low = np.maximum(everything.min(axis=0) - room, ends.min(axis=0) - DETOUR)
+    high = np.minimum(everything.max(axis=0) + room, ends.max(axis=0) + DETOUR)
+    if scenario.bounds is not None:
+        low = np.maximum(low, scenario.bounds[0::2])
+        high = np.minimum(high, scenario.bounds[1::2])
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def _searches(
+    scenario: Scenario,
+    options: HybridAStarOptions,
+    stage: Stage,
+    test: FootprintTest,
+    costs_to_go: tuple[CostToGo, CostToGo],
+    lattices: tuple[Lattice | None, Lattice | None],
+    region: Box,
+) -> tuple[GraphSearch, GraphSearch]:
+    """The search from the start and the one from the goal."""
+    resolution = Resolution(
+        position=stage.position * options.position_resolution,
+        heading=stage.heading * options.heading_resolution,
+        primitive_length=stage.length * options.primitive_length,
+        steering_levels=options.steering_levels,
+        weight=options.heuristic_weight,
+        tight_position=stage.tight * options.tight_position_resolution,
+        tight_heading=stage.tight * options.tight_heading_resolution,
+    )
+    radius, (to_goal, to_start) = scenario.vehicle.turning_radius, costs_to_go
+    start, goal = scenario.start, scenario.goal
+    return (
+        GraphSearch(start, goal, test, to_goal, region, radius, options.costs, resolution, lattices[0]),
+        GraphSearch(goal, start, test, to_start, region, radius, options.costs, resolution, lattices[1], driven_backwards=True),
+    )
+
+
+def _take_turns(searches: tuple[GraphSearch, GraphSearch], most: int, deadline: float) -> Outcome:
+    """Run both searches in turn until one has a path or none can go on."""
+    outcomes = [Outcome.PAUSED, Outcome.PAUSED]
+    tight = [each.root_is_tight for each in searches]
+    shares = [INSTALMENT if tight[k] or not tight[1 - k] else INSTALMENT // 4 for k in (0, 1)]
+    for _ in range(math.ceil(most / INSTALMENT)):
+        for which, each in enumerate(searches):
+            if outcomes[which] is Outcome.PAUSED:
+                outcomes[which] = each.run(shares[which], deadline)
+            if outcomes[which] is Outcome.OUT_OF_TIME or (
+                outcomes[which] is Outcome.FINISHED and each.best is not None
+            ):
+                return outcomes[which]
+        if outcomes == [Outcome.FINISHED, Outcome.FINISHED]:
+            break
+    return Outcome.FINISHED
+
+
+def _best(searches: tuple[GraphSearch, GraphSearch]) -> list[Move] | None:
+    from_start, from_goal = searches
+    if from_start.best is None and from_goal.best is None:
+        return None
+    if from_start.best is not None and from_start.best_cost <= from_goal.best_cost:
+        return merged(from_start.best)
+    assert from_goal.best is not None
+    return merged(backwards(from_goal.best))
+
+
+def _geared_path(scenario: Scenario, moves: list[Move], step: float) -> GearedPath:
+    """The poses along moves, the last one moved by its rounding error onto the goal."""
+    if not moves:
+        return GearedPath(np.stack([scenario.start] * 2), np.array([1, 1]), np.zeros(2))
+    path = drive(scenario.start, moves, step)
+    turns = round((path.poses[-1, 2] - scenario.goal[2]) / (2 * math.pi))
+    path.poses[-1] = scenario.goal + (0.0, 0.0, 2 * math.pi * turns)
+    return path

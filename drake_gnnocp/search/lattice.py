@@ -1,0 +1,146 @@
+r"""Cost-to-go that knows where the car can turn: shortest paths on a coarse lattice of positions and headings.
+
+The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car which points
+the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and one of 16
+headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle. A state has six neighbours: one
+step ahead or back, and a sixteenth of a turn left or right at full lock in either gear. The shortest lengths V to the target are
+the fixed point of V(s) = min over the moves of (length + V(s after the move)), found layer by layer with numpy.
+
+It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements are
+rounded to cells, so V guides and proves nothing: where it is infinite, a finite guess takes its place.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_gnnocp.search.collision import Box
+from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.search.heuristic import CostToGo, pooled
+from drake_gnnocp.vehicle import Vehicle
+
+HEADINGS = 16
+CHANGE = 1e-3  # m, smaller changes do not go on
+DETOUR = 2.0  # where the lattice knows no way: this many times the disc's way ...
+SURCHARGE = 10.0  # m, ... and this
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Lengths to the target at grid cells and headings."""
+
+    xmin: float  # m, left side of the grid
+    ymin: float  # m, lower side of the grid
+    cell: float  # m, side of a cell
+    values: np.ndarray  # (HEADINGS, nx, ny) [m], finite where the disc has a way
+
+    @classmethod
+    def of(
+        cls,
+        field: DistanceField,
+        vehicle: Vehicle,
+        target: np.ndarray,
+        disc: CostToGo,
+        region: Box,
+        deadline: float = math.inf,
+    ) -> Lattice:
+        """Compute the lengths to a target pose (3,) on the grid of the disc's cost-to-go to it.
+
+        Args:
+            field: distances to the obstacles.
+            vehicle: the car.
+            target: x, y, theta [m, m, rad].
+            disc: the disc's cost-to-go to the target.
+            region: xmin, xmax, ymin, ymax, which the car does not leave [m].
+            deadline: instant of time.monotonic() to stop improving the lengths at [s].
+        """
+        closed = _closed(field, vehicle, disc, region)
+        nx, ny = closed.shape[1:]
+        i = min(max(int((target[0] - disc.xmin) / disc.cell), 0), nx - 1)
+        j = min(max(int((target[1] - disc.ymin) / disc.cell), 0), ny - 1)
+        seed = (round(target[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j)
+        values = _lengths(closed, seed, _moves(disc.cell, vehicle.turning_radius), deadline)
+        guess = DETOUR * disc.values + SURCHARGE
+        return cls(disc.xmin, disc.ymin, disc.cell, np.where(np.isfinite(values), values, guess))
+
+    def at(self, x: float, y: float, theta: float) -> float:
+        """Length to the target from a pose [m, m, rad], in m."""
+        _, nx, ny = self.values.shape
+        i = min(max(int((x - self.xmin) / self.cell), 0), nx - 1)
+        j = min(max(int((y - self.ymin) / self.cell), 0), ny - 1)
+        return float(self.values[round(theta / (2 * math.pi) * HEADINGS) % HEADINGS, i, j])
+
+
+def _closed(field: DistanceField, vehicle: Vehicle, disc: CostToGo, region: Box) -> np.ndarray:
+    """States whose inscribed circles hit an obstacle wherever in the cell the car is: (HEADINGS, nx, ny)."""
+    widest = pooled(field.values)
+    nx, ny = widest.shape
+    x, y = disc.xmin + (np.arange(nx) + 0.5) * disc.cell, disc.ymin + (np.arange(ny) + 0.5) * disc.cell
+    half_width = 0.5 * vehicle.width
+    first, last = half_width - vehicle.rear_hang, vehicle.wheelbase + vehicle.front_hang - half_width
+    closed = np.zeros((HEADINGS, nx, ny), dtype=bool)
+    for k in range(HEADINGS):
+        angle = 2 * math.pi * k / HEADINGS
+        for along in np.linspace(first, last, math.ceil(max(last - first, 0.0) / half_width) + 1):
+            i = np.clip(((x + along * math.cos(angle) - disc.xmin) / disc.cell).astype(int), 0, nx - 1)
+            j = np.clip(((y + along * math.sin(angle) - disc.ymin) / disc.cell).astype(int), 0, ny - 1)
+            closed[k] |= widest[np.ix_(i, j)] < half_width - 0.5 * field.half_diagonal
+            # the region's rim: half a cell of doubt, as for obstacles
+            least = half_width - 0.5 * disc.cell
+            inside_x = np.abs(x + along * math.cos(angle) - 0.5 * (region[0] + region[1])) < 0.5 * (region[1] - region[0]) - least
+            inside_y = np.abs(y + along * math.sin(angle) - 0.5 * (region[2] + region[3])) < 0.5 * (region[3] - region[2]) - least
+            closed[k] |= ~(inside_x[:, None] & inside_y)
+    return closed
+
+
+def _moves(cell: float, radius: float) -> list[list[tuple[int, int, int, float]]]:
+    """Per heading the moves: displacement in cells, new heading, length [m]."""
+    turn = 2 * math.pi / HEADINGS
+    chord, arc = 2.0 * radius * math.sin(0.5 * turn), radius * turn
+    moves: list[list[tuple[int, int, int, float]]] = []
+    for k in range(HEADINGS):
+        longest = max(abs(math.cos(k * turn)), abs(math.sin(k * turn)))
+        step = 1 if k % (HEADINGS // 8) == 0 else 2  # a knight's move between the eight directions of the grid
+        i, j = round(step * math.cos(k * turn) / longest), round(step * math.sin(k * turn) / longest)
+        own = [(gear * i, gear * j, k, cell * math.hypot(i, j)) for gear in (1, -1)]
+        for gear in (1, -1):
+            for side in (1, -1):
+                direction = (k + 0.5 * gear * side) * turn
+                i, j = (round(gear * chord * f(direction) / cell) for f in (math.cos, math.sin))
+                own.append((i, j, (k + gear * side) % HEADINGS, arc))
+        moves.append(own)
+    return moves
+
+
+def _lengths(
+    closed: np.ndarray,
+    seed: tuple[int, int, int],
+    moves: list[list[tuple[int, int, int, float]]],
+    deadline: float,
+) -> np.ndarray:
+    """Shortest lengths to the seed state [m], infinite at closed states."""
+    _, nx, ny = closed.shape
+    frame = max(max(abs(i), abs(j)) for own in moves for i, j, _, _ in own)  # of infinity: no move leaves the array
+    values = np.full((HEADINGS, nx + 2 * frame, ny + 2 * frame), np.inf, dtype=np.float32)
+    inner = values[:, frame : frame + nx, frame : frame + ny]
+    inner[seed] = 0.0
+    wall = np.where(closed, np.float32(np.inf), np.float32(0.0))
+    changed = [k == seed[0] for k in range(HEADINGS)]
+    candidate, before = np.empty((nx, ny), dtype=np.float32), np.empty((nx, ny), dtype=np.float32)
+    while any(changed) and time.monotonic() < deadline:
+        for k, own in enumerate(moves):
+            sources = [move for move in own if changed[move[2]]]
+            changed[k] = False
+            np.copyto(before, inner[k])
+            for i, j, source, length in sources:
+                shifted = values[source, frame + i : frame + i + nx, frame + j : frame + j + ny]
+                np.add(shifted, wall[k], out=candidate)
+                candidate += np.float32(length)
+                np.minimum(inner[k], candidate, out=inner[k])
+            if sources:
+                changed[k] = bool((inner[k] < before - CHANGE).any())
+    return inner.astype(float)
