@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
+from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
 
 import numpy as np
@@ -106,8 +107,8 @@ class Scenario:
         path = Path(source)
         suffix = path.suffix.lower()
         if suffix not in (".json", ".csv"):
-            known = ", ".join(bundled_scenarios())
-            raise ScenarioError(f"{source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
+            known, shown_source = ", ".join(bundled_scenarios()), str(source) or "''"
+            raise ScenarioError(f"{shown_source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
         try:
             text = _read_text(path)
             return cls.from_dict(_parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
@@ -122,7 +123,7 @@ class Scenario:
             ScenarioError: a key is missing, unknown or has an illegal value; the message names it.
         """
         if not isinstance(data, dict):
-            raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {data!r:.60}")
+            raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {shown(data)}")
         for key in data:
             if key not in KEYS:
                 raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
@@ -201,33 +202,33 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _name(value: Any) -> str:
     # the name becomes a folder under artifacts/plans
     if not isinstance(value, str) or not value.strip(" ."):
-        raise ScenarioError(f"name: must be a text that can name a folder, not {value!r:.60}")
+        raise ScenarioError(f"name: must be a text that can name a folder, not {shown(value)}")
     if not value.isprintable() or "/" in value or "\\" in value:
-        raise ScenarioError(f"name: must have no slashes or unprintable characters, unlike {value!r:.60}")
+        raise ScenarioError(f"name: must have no slashes or unprintable characters, unlike {shown(value)}")
     if len(value.encode()) > LONGEST_NAME:
-        raise ScenarioError(f"name: must be at most {LONGEST_NAME} bytes long, unlike {value!r:.60}")
+        raise ScenarioError(f"name: must be at most {LONGEST_NAME} bytes long, unlike {shown(value)}")
     return value
 
 
 def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
     n = len(meaning.split(","))
     if not isinstance(value, list | tuple) or len(value) != n:
-        raise ScenarioError(f"{what}: must be {n} numbers [{meaning}], not {value!r:.60}")
+        raise ScenarioError(f"{what}: must be {n} numbers [{meaning}], not {shown(value)}")
     for i, number in enumerate(value):
         if isinstance(number, bool) or not isinstance(number, int | float):
-            raise ScenarioError(f"{what}[{i}]: must be a number, not {number!r:.60}")
+            raise ScenarioError(f"{what}[{i}]: must be a number, not {shown(number)}")
         if not abs(number) <= LARGEST:  # NaN as well
-            raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {number!r:.60}")
+            raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
     return np.array(value, dtype=float)
 
 
 def _rings(value: Any) -> tuple[np.ndarray, ...]:
     if not isinstance(value, list | tuple):
-        raise ScenarioError(f"obstacles: must be a list of polygons, not {value!r:.60}")
+        raise ScenarioError(f"obstacles: must be a list of polygons, not {shown(value)}")
     rings = []
     for j, ring in enumerate(value):
         if not isinstance(ring, list | tuple) or len(ring) < 3:
-            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {ring!r:.60}")
+            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {shown(ring)}")
         rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, "x, y") for k, vertex in enumerate(ring)]))
     return tuple(rings)
 
@@ -236,7 +237,7 @@ def _vehicle(value: Any) -> Vehicle:
     if value is None:
         return Vehicle()
     if not isinstance(value, dict):
-        raise ScenarioError(f"vehicle: must be an object, not {value!r:.60}")
+        raise ScenarioError(f"vehicle: must be an object, not {shown(value)}")
     try:
         return Vehicle.from_dict(value)
     except ValueError as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import islice
+from reprlib import repr as shown
 from typing import Any
 
 from drake_gnnocp.vehicle import Vehicle
@@ -48,7 +49,7 @@ def _number(i: int, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
-        raise ValueError(f"number {i} of the row: must be a number, not {cell!r:.60}") from None
+        raise ValueError(f"number {i} of the row: must be a number, not {shown(cell)}") from None
     if not math.isfinite(value):
         raise ValueError(f"number {i} of the row: must be finite, not {cell}")
     return value

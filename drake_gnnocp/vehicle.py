@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import IntEnum
+from reprlib import repr as shown
 from typing import Any
 
 import numpy as np
@@ -57,11 +58,12 @@ class Vehicle:
         for name, value in asdict(self).items():
             may_be_zero = name in ("front_hang", "rear_hang")
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ValueError(f"vehicle.{name}: must be a number, not {value!r:.60}")
+                raise ValueError(f"vehicle.{name}: must be a number, not {shown(value)}")
             if not abs(value) <= LARGEST:  # NaN as well
-                raise ValueError(f"vehicle.{name}: must be finite and at most {LARGEST:g}, not {value!r:.60}")
+                raise ValueError(f"vehicle.{name}: must be finite and at most {LARGEST:g}, not {shown(value)}")
             if value < 0 or (value == 0 and not may_be_zero):
-                raise ValueError(f"vehicle.{name}: must be positive, not {value!r}")
+                sign = "must not be negative" if may_be_zero else "must be positive"
+                raise ValueError(f"vehicle.{name}: {sign}, not {value!r}")
         if self.phi_max >= math.pi / 2:
             raise ValueError(f"vehicle.phi_max: must be below pi/2, not {self.phi_max!r}")
 

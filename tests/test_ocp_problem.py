@@ -68,7 +68,7 @@ def test_gradients_of_a_whole_program_match_central_differences(free_horizon: bo
         start=guess.poses[0],
         goal=guess.poses[-1],
         obstacles=(SQUARE + [1.0, 3.5], TRIANGLE + [0.0, -3.5]),
-        bounds=(-3.0, 13.0, -3.0, 5.0),
+        bounds=(-3.0, 13.0, -5.0, 8.0),
     )
     separations = [Separation(4, scenario.convex_obstacles[0], 0.02)]
     options = ProblemOptions(free_horizon=free_horizon, near=4.0)

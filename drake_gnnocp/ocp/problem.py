@@ -24,7 +24,8 @@ class ProblemOptions:
     weights: CostWeights = field(default_factory=CostWeights)
     margin: float = 0.05  # m, clearance asked of the triangle areas at the knots
     bounds_margin: float = 0.02  # m, clearance asked of the bounds at the knots
-    near: float = 2.0  # m, rows farther from their obstacle at the guess are left out
+    limits_margin: float = 0.0  # relative, of the vehicle's limits at the knots (v and phi can peak in between)
+    near: float = 3.0  # m, rows farther from their obstacle at the guess are left out
     free_horizon: bool = False  # whether the duration is a decision variable
 
 
@@ -55,7 +56,7 @@ def build(
     turns = 2 * np.pi * np.round((poses[-1, 2] - scenario.goal[2]) / (2 * np.pi))  # the goal the guess turns to
 
     variables = add_variables(program, len(guess), h, options.free_horizon)
-    add_limits(program, variables, vehicle)
+    add_limits(program, variables, vehicle, options.limits_margin)
     add_ends(program, variables, scenario.start, scenario.goal + [0.0, 0.0, turns])
     add_dynamics(program, variables, vehicle)
     rows = near_rows(poses, scenario.convex_obstacles, vehicle, options.near)

@@ -17,10 +17,18 @@ import shapely
 from drake_gnnocp.ocp.cost import Cost, evaluate_cost
 from drake_gnnocp.ocp.ipopt import IpoptOptions, Solution, solve
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
-from drake_gnnocp.ocp.separating_line import Separation
+from drake_gnnocp.ocp.separating_line import Separation, best_normal
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.verification import Verification, drive, min_clearance, verify
+from drake_gnnocp.verification import (
+    CHECK_STEP,
+    HEADING_TOLERANCE,
+    POSITION_TOLERANCE,
+    Verification,
+    drive,
+    min_clearance,
+    verify,
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,8 @@ class RefineOptions:
     ipopt: IpoptOptions = field(default_factory=IpoptOptions)
     threshold: float = 0.02  # m, pairs that come nearer get a line
     gap: float = 0.02  # m, first gap of a line
+    deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
+    guarded: float = 0.5  # m, pairs nearer than this at the start get a line after a solve that failed
     max_rounds: int = 8  # refinements after the first solve
     end_share: float = 0.4  # of the clearance of start and goal: no margin asks for more
 
@@ -72,17 +82,21 @@ def optimise(
     """
     options = _fitted_to_ends(scenario, options)
     gaps = {pair: options.gap for pair in _overlapping(scenario, guess)}
-    trajectory, rounds, best = guess, [], None
+    start, rounds, best = guess, [], None
     while len(rounds) <= options.max_rounds and time.monotonic() < deadline:
-        found, solution_round = _solve_once(scenario, trajectory, gaps, options, deadline)
-        rounds.append(solution_round)
-        trajectory = found
-        check = solution_round.verification
-        if best is None or _badness(check) < _badness(best[1]):
-            best = (found, check)
-        if check.verified:
+        found, success, report = _solve_once(scenario, start, gaps, options, deadline)
+        rounds.append(report)
+        if best is None or _badness(report.verification) < _badness(best[1]):
+            best = (found, report.verification)
+        if report.verification.verified:
             break
-        options = _tightened(scenario, found, check, gaps, options)
+        close = _close_pairs(scenario, found, options.threshold)
+        if success and min(close.values(), default=0.0) > -options.deep:
+            start = found
+        elif not success:  # what it left behind tells nothing: guard everything that is near the start
+            close = _close_pairs(scenario, start, options.guarded)
+        _add_lines(gaps, close, options)
+        options = _tightened(report.verification, options)
     if best is None:
         best = (guess, verify(scenario, guess))
     centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
@@ -96,7 +110,7 @@ def _solve_once(
     gaps: dict[tuple[int, int], float],
     options: RefineOptions,
     deadline: float,
-) -> tuple[Trajectory, Round]:
+) -> tuple[Trajectory, bool, Round]:
     begin = time.perf_counter()
     separations = [Separation(k, scenario.convex_obstacles[j], gap) for (k, j), gap in sorted(gaps.items())]
     problem = build(scenario, start, separations, options.problem)
@@ -109,7 +123,7 @@ def _solve_once(
     report = Round(
         build_seconds, solution.seconds, solution.iterations, solution.status, problem.n_rows, len(gaps), check
     )
-    return trajectory, report
+    return trajectory, solution.success, report
 
 
 def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions:
@@ -138,36 +152,39 @@ def _pairs_within(scenario: Scenario, shapes: np.ndarray, distance: float) -> tu
     return which.tolist(), obstacle.tolist()
 
 
-def _tightened(
-    scenario: Scenario,
-    trajectory: Trajectory,
-    check: Verification,
-    gaps: dict[tuple[int, int], float],
-    options: RefineOptions,
-) -> RefineOptions:
-    """Add the lines that were missing, widen the gaps that were too small, and tighten what else failed."""
-    for pair, distance in _close_pairs(scenario, trajectory, options.threshold).items():
-        shortfall = options.threshold - distance
-        gaps[pair] = gaps[pair] + shortfall if pair in gaps else options.gap
+def _add_lines(gaps: dict[tuple[int, int], float], close: dict[tuple[int, int], float], options: RefineOptions) -> None:
+    """Give the pairs that came too close a line, or a wider gap where they had one."""
+    for pair, distance in close.items():
+        if pair not in gaps:
+            gaps[pair] = options.gap
+        elif distance < options.threshold:
+            gaps[pair] += min(options.threshold - distance, options.threshold)
+
+
+def _tightened(check: Verification, options: RefineOptions) -> RefineOptions:
+    """Ask for a little more of what failed."""
+    problem, ipopt = options.problem, options.ipopt
     if not check.bounds_ok:
-        margin = options.problem.bounds_margin + 0.02
-        options = replace(options, problem=replace(options.problem, bounds_margin=margin))
-    if check.collision_free and check.bounds_ok:
-        options = replace(options, ipopt=replace(options.ipopt, feasibility=options.ipopt.feasibility / 10))
-    return options
+        problem = replace(problem, bounds_margin=problem.bounds_margin + 0.02)
+    if not check.limits_ok:
+        problem = replace(problem, limits_margin=problem.limits_margin + 0.005)
+    if check.terminal_position_error_m > POSITION_TOLERANCE or check.terminal_heading_error_rad > HEADING_TOLERANCE:
+        ipopt = replace(ipopt, feasibility=ipopt.feasibility / 10)
+    return replace(options, problem=problem, ipopt=ipopt)
 
 
 def _close_pairs(scenario: Scenario, trajectory: Trajectory, threshold: float) -> dict[tuple[int, int], float]:
-    """Distance of every (interval, convex obstacle) that the driven car passes nearer than the threshold [m]."""
+    """Distance of every (interval, convex obstacle) that the driven car passes nearer than the threshold [m].
+
+    Overlaps count as negative distances.
+    """
     motion = drive(scenario.start, trajectory, scenario.vehicle)
-    footprints = shapely.polygons(scenario.vehicle.footprints(motion.states[:, :3]))
-    which, obstacles = _pairs_within(scenario, footprints, threshold)
-    rings = [shapely.Polygon(ring) for ring in scenario.convex_obstacles]
+    footprints = scenario.vehicle.footprints(motion.states[::CHECK_STEP, :3])
+    intervals = np.minimum(np.arange(len(footprints)) * CHECK_STEP // motion.steps_per_interval, len(trajectory) - 2)
     found: dict[tuple[int, int], float] = {}
-    last = len(trajectory) - 2
-    for sample, j in zip(which, obstacles, strict=True):
-        pair = (min(sample // motion.steps_per_interval, last), j)
-        distance = footprints[sample].distance(rings[j])
+    for sample, j in zip(*_pairs_within(scenario, shapely.polygons(footprints), threshold), strict=True):
+        pair = (int(intervals[sample]), j)
+        distance = best_normal(footprints[sample], scenario.convex_obstacles[j])[2]
         found[pair] = min(found.get(pair, math.inf), distance)
     return found
 

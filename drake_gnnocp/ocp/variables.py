@@ -56,9 +56,9 @@ def add_variables(program: MathematicalProgram, n_knots: int, step: float, free_
     return Variables(knots, h, step)
 
 
-def add_limits(program: MathematicalProgram, variables: Variables, vehicle: Vehicle) -> None:
-    """|v|, |phi|, |a|, |w| within the vehicle's limits at every knot."""
-    limits = np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max]) / KNOT_SCALE[3:]
+def add_limits(program: MathematicalProgram, variables: Variables, vehicle: Vehicle, margin: float) -> None:
+    """|v|, |phi|, |a|, |w| within the vehicle's limits, less a relative margin, at every knot."""
+    limits = (1 - margin) * np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max]) / KNOT_SCALE[3:]
     columns = variables.knots[1:-1, 3:]
     bound = np.tile(limits, len(columns))
     program.AddBoundingBoxConstraint(-bound, bound, columns.ravel()).evaluator().set_description("limits")

@@ -9,12 +9,12 @@ two convex polygons are disjoint exactly when an edge normal of one of them sepa
 inside an obstacle and an obstacle inside the car need no special care, and concave obstacles are exact because
 their convex parts cover them exactly.
 
-The margin m grows the rectangle on all sides, which contains every point within m of the car. Near the start and the goal
-it is lowered to half the clearance there, since an end nearer to an obstacle than the margin would never be left.
+The margin m grows the rectangle on all sides, which contains every point within m of the car. Near the start and the
+goal it is lowered to half the clearance there, since an end nearer to an obstacle than the margin would never be left.
 
-Between two tested poses no point of the car is further than m from where it was at the nearer of them, if
-the poses are at most `spacing` apart along the path: a point moves at most `sweep` times as far as the rear axle. So free
-samples prove the motion between them free: no wall is jumped, however thin.
+Between two tested poses no point of the car is further than m from where it was at the nearer of them, if the poses are
+at most `spacing` = 2 m / `sweep` apart along the path: a point moves at most `sweep` times as far as the rear axle. So
+free samples prove the motion between them free: no wall is jumped, however thin.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class FootprintTest:
             return
         self._low, self._high = self._parts.min(axis=1), self._parts.max(axis=1)  # (M, 2)
         edges = np.roll(self._parts, -1, axis=1) - self._parts
-        self._normals = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)  # outward; zero where padded: never separates
+        self._normals = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)  # outward; 0 where padded
         self._levels = np.sum(self._normals * self._parts, axis=-1)  # (M, V)
 
     def _leaves_region(self, x: np.ndarray, y: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
@@ -175,5 +175,5 @@ class FootprintTest:
 
 def sweep(vehicle: Vehicle) -> float:
     """Largest distance any point of the car moves per metre of the rear axle's middle, at full lock."""
-    radius = vehicle.turning_radius
-    return math.hypot(radius + 0.5 * vehicle.width, max(vehicle.wheelbase + vehicle.front_hang, vehicle.rear_hang)) / radius
+    radius, ahead = vehicle.turning_radius, max(vehicle.wheelbase + vehicle.front_hang, vehicle.rear_hang)
+    return math.hypot(radius + 0.5 * vehicle.width, ahead) / radius

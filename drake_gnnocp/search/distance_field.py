@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+
 @dataclass(frozen=True, eq=False)
 class DistanceField:
     """Distances at the cell centres of a grid over a rectangle."""

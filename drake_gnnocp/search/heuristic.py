@@ -13,6 +13,7 @@ An infinite V at the start proves that there is no path.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,15 +34,22 @@ class CostToGo:
     values: np.ndarray  # (nx, ny) distance to the goal among open cells, infinite where there is no way [m]
 
     @classmethod
-    def of(cls, field: DistanceField, vehicle: Vehicle, goal: np.ndarray) -> CostToGo:
-        """Compute the cost-to-go to a goal (3,) x, y, theta [m, m, rad] over the area of a distance field."""
+    def of(cls, field: DistanceField, vehicle: Vehicle, goal: np.ndarray, deadline: float = math.inf) -> CostToGo:
+        """Compute the cost-to-go to a goal over the area of a distance field.
+
+        Args:
+            field: distances to the obstacles.
+            vehicle: the car.
+            goal: (3,) x, y, theta [m, m, rad].
+            deadline: instant of time.monotonic() to give up at, with values that are too large [s].
+        """
         widest = pooled(field.values)
         radius = min(0.5 * vehicle.width, vehicle.rear_hang)
         closed = widest + field.half_diagonal < radius
         cell = POOL * field.cell
         i = min(max(int((goal[0] - field.xmin) / cell), 0), closed.shape[0] - 1)
         j = min(max(int((goal[1] - field.ymin) / cell), 0), closed.shape[1] - 1)
-        return cls(field.xmin, field.ymin, cell, _distances(closed, (i, j)) * cell)
+        return cls(field.xmin, field.ymin, cell, _distances(closed, (i, j), deadline) * cell)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Cost-to-go at the points x, y (N,) each [m]: (N,) [m]."""
@@ -52,14 +60,14 @@ class CostToGo:
 
 
 def pooled(values: np.ndarray) -> np.ndarray:
-    """Largest value of each block of POOL x POOL cells."""
+    """Largest value of each block of POOL x POOL cells (nx, ny): (nx / POOL, ny / POOL), rounded up."""
     nx, ny = (math.ceil(n / POOL) for n in values.shape)
     padded = np.zeros((nx * POOL, ny * POOL))
     padded[: values.shape[0], : values.shape[1]] = values
     return padded.reshape(nx, POOL, ny, POOL).max(axis=(1, 3))
 
 
-def _distances(closed: np.ndarray, goal: tuple[int, int]) -> np.ndarray:
+def _distances(closed: np.ndarray, goal: tuple[int, int], deadline: float) -> np.ndarray:
     """8-connected distances to the goal in cells, infinite at closed cells."""
     nx, ny = closed.shape
     padded = np.full((nx + 2, ny + 2), math.inf)  # a frame of infinity spares the neighbours at the rim
@@ -68,11 +76,12 @@ def _distances(closed: np.ndarray, goal: tuple[int, int]) -> np.ndarray:
     wall = np.where(closed, math.inf, 0.0)
     shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
     candidate = np.empty_like(inner)
-    while True:
+    while time.monotonic() < deadline:
         before = inner.copy()
         for a, b in shifts:
             np.add(padded[1 + a : nx + 1 + a, 1 + b : ny + 1 + b], wall, out=candidate)
             candidate += math.hypot(a, b)
             np.minimum(inner, candidate, out=inner)
         if np.array_equal(before, inner):
-            return inner.copy()
+            break
+    return inner.copy()

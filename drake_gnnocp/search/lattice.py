@@ -1,13 +1,14 @@
 r"""Cost-to-go that knows where the car can turn: shortest paths on a coarse lattice of positions and headings.
 
-The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car which points
-the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and one of 16
-headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle. A state has six neighbours: one
-step ahead or back, and a sixteenth of a turn left or right at full lock in either gear. The shortest lengths V to the target are
-the fixed point of V(s) = min over the moves of (length + V(s after the move)), found layer by layer with numpy.
+The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car which
+points the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and one of
+16 headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle or leaves the region. A
+state has six neighbours: one step ahead or back, and a sixteenth of a turn left or right at full lock in either gear. The
+shortest lengths V to the target are the fixed point of V(s) = min over the moves of (length + V(s after the move)),
+found layer by layer with numpy.
 
-It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements are
-rounded to cells, so V guides and proves nothing: where it is infinite, a finite guess takes its place.
+It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements
+are rounded to cells, so V guides and proves nothing: where it is infinite, a finite guess takes its place.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Lattice:
 
 
 def _closed(field: DistanceField, vehicle: Vehicle, disc: CostToGo, region: Box) -> np.ndarray:
-    """States whose inscribed circles hit an obstacle wherever in the cell the car is: (HEADINGS, nx, ny)."""
+    """States whose inscribed circles hit an obstacle or leave the region: (HEADINGS, nx, ny)."""
     widest = pooled(field.values)
     nx, ny = widest.shape
     x, y = disc.xmin + (np.arange(nx) + 0.5) * disc.cell, disc.ymin + (np.arange(ny) + 0.5) * disc.cell
@@ -88,12 +89,15 @@ def _closed(field: DistanceField, vehicle: Vehicle, disc: CostToGo, region: Box)
         for along in np.linspace(first, last, math.ceil(max(last - first, 0.0) / half_width) + 1):
             i = np.clip(((x + along * math.cos(angle) - disc.xmin) / disc.cell).astype(int), 0, nx - 1)
             j = np.clip(((y + along * math.sin(angle) - disc.ymin) / disc.cell).astype(int), 0, ny - 1)
-            closed[k] |= widest[np.ix_(i, j)] < half_width - 0.5 * field.half_diagonal
-            # the region's rim: half a cell of doubt, as for obstacles
-            least = half_width - 0.5 * disc.cell
-            inside_x = np.abs(x + along * math.cos(angle) - 0.5 * (region[0] + region[1])) < 0.5 * (region[1] - region[0]) - least
-            inside_y = np.abs(y + along * math.sin(angle) - 0.5 * (region[2] + region[3])) < 0.5 * (region[3] - region[2]) - least
-            closed[k] |= ~(inside_x[:, None] & inside_y)
+            closed[k] |= widest[np.ix_(i, j)] < half_width + 0.5 * field.half_diagonal  # room for in-between headings
+            inside = [
+                np.abs(centres - 0.5 * (low + high)) < 0.5 * (high - low) - half_width + 0.5 * disc.cell
+                for centres, low, high in (
+                    (x + along * math.cos(angle), region[0], region[1]),
+                    (y + along * math.sin(angle), region[2], region[3]),
+                )
+            ]
+            closed[k] |= ~(inside[0][:, None] & inside[1])
     return closed
 
 

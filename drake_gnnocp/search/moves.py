@@ -4,8 +4,8 @@ From the pose (x, y, theta) a move leads to theta + kappa s and, along the chord
 
     (x, y) + s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2),   sinc(u) = sin(u) / u.
 
-The cost of a path, in metres of easy driving, is what the searches minimise: its length, with reversing and turning dearer,
-and something for every change of gear and of steering.
+The cost of a path, in metres of easy driving, is what the searches minimise: its length, with reversing and turning
+dearer, and something for every change of gear and of steering.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Costs:
     steering_change: float = 0.2  # per change from straight to full lock, in proportion otherwise, in m
 
     def of(self, moves: Iterable[Move], sharpest: float, before: Move | None = None) -> float:
-        """Cost of driving moves, after the move `before` if there was one; `sharpest` is the largest curvature [1/m]."""
+        """Cost of driving moves, after the move `before` if there was one; `sharpest`: the largest curvature [1/m]."""
         total = 0.0
         for move in moves:
             total += self.of_move(move, sharpest)

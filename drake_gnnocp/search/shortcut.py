@@ -1,7 +1,7 @@
 r"""Shortens a path: pieces of it are replaced by cheaper free Reeds-Shepp paths between their ends.
 
-A search on a grid finds paths that wiggle and that change gear where the grid suggested it. Here the path is cut every few
-metres; from the start on, the longest run of pieces that can be replaced is. A second round with other cuts follows.
+A search on a grid finds paths that wiggle and that change gear where the grid suggested it. Here the path is cut every
+few metres; from the start on, the longest run of pieces that can be replaced is. A second round with other cuts follows.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _replacement(
     radius: float,
 ) -> list[Move] | None:
     """The cheapest free Reeds-Shepp path between two poses (3,), None if none costs less than the limit."""
-    choices = []
+    choices: list[tuple[float, int, list[Move]]] = []
     for path in all_paths(start, end, radius):
         if path.length >= limit:
             break
