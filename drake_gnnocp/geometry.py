@@ -60,8 +60,11 @@ def _pieces(ring: np.ndarray) -> list[shapely.Polygon]:
     origin = ring[0]  # relative to it, coordinates far from the origin keep their precision
     polygon = shapely.Polygon(ring - origin)
     even_odd = shapely.make_valid(polygon)
-    pieces = [piece for piece in shapely.get_parts(even_odd) if isinstance(piece, shapely.Polygon)]
-    if len(pieces) < len(shapely.get_parts(even_odd)) or even_odd.area <= SMALLEST_AREA:
+    parts = shapely.get_parts(shapely.get_parts(even_odd))  # twice: a collection may hold a multipolygon
+    pieces = [part for part in parts if isinstance(part, shapely.Polygon)]
+    # rounding leaves lines of no length where a vertex touches an edge
+    spikes = sum(part.length for part in parts if not isinstance(part, shapely.Polygon))
+    if spikes > SAME_POINT or even_odd.area <= SMALLEST_AREA:
         raise ValueError("has no area, or runs back along one of its own edges")
     wound = shapely.make_valid(polygon, method="structure", keep_collapsed=False)
     for area in (signed_area(ring), wound.area):

@@ -16,11 +16,12 @@ import shapely
 from drake_gnnocp.geometry import convex_parts, polygons_of
 from drake_gnnocp.tpcap import parse_tpcap
 from drake_gnnocp.trajectory import write_atomically
-from drake_gnnocp.vehicle import LARGEST, Vehicle
+from drake_gnnocp.vehicle import Vehicle
 
 KEYS = ("name", "start", "goal", "obstacles", "bounds", "vehicle")
 REQUIRED_KEYS = KEYS[:4]
 POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
+LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
 LONGEST_NAME = 100  # bytes, names of files end at 255
 ROUNDING = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-LARGEST = 1e15  # beyond it the squares of lengths lose all digits or overflow
+SMALLEST, LARGEST = 1e-3, 1e4  # what a car's parameters may be in m, m/s, rad ...: the rest are mistaken units
 
 
 class State(IntEnum):
@@ -42,7 +42,7 @@ class Vehicle:
     """Geometry and limits of a car; the defaults are the paper's table of basic parameters.
 
     Raises:
-        ValueError: a parameter is not a positive finite number, or phi_max is not below pi/2.
+        ValueError: a parameter is not a number from SMALLEST (the hangs: 0) to LARGEST, or phi_max is not below pi/2.
     """
 
     wheelbase: float = 2.8  # m, L_w
@@ -59,11 +59,9 @@ class Vehicle:
             may_be_zero = name in ("front_hang", "rear_hang")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ValueError(f"vehicle.{name}: must be a number, not {shown(value)}")
-            if not abs(value) <= LARGEST:  # NaN as well
-                raise ValueError(f"vehicle.{name}: must be finite and at most {LARGEST:g}, not {shown(value)}")
-            if value < 0 or (value == 0 and not may_be_zero):
-                sign = "must not be negative" if may_be_zero else "must be positive"
-                raise ValueError(f"vehicle.{name}: {sign}, not {value!r}")
+            least = 0 if may_be_zero else SMALLEST
+            if not least <= value <= LARGEST:  # NaN as well
+                raise ValueError(f"vehicle.{name}: must be between {least:g} and {LARGEST:g}, not {shown(value)}")
         if self.phi_max >= math.pi / 2:
             raise ValueError(f"vehicle.phi_max: must be below pi/2, not {self.phi_max!r}")
 

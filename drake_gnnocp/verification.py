@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.scenario import ROUNDING, Scenario
+from drake_gnnocp.scenario import LARGEST, ROUNDING, Scenario
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.vehicle import LARGEST, Input, State, Vehicle
+from drake_gnnocp.vehicle import Input, State, Vehicle
 
 MAX_STEP = 0.005  # s, of the integration
 CHECK_STEP = 2  # footprints are checked at every second integration step, 10 ms apart

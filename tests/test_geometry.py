@@ -109,6 +109,16 @@ def test_a_ring_that_touches_itself_bounds_exactly_its_area(
             check_parts(piece, FAR_AREA if offset.any() else SAME_AREA)
 
 
+def test_a_vertex_that_touches_an_edge_but_for_rounding_is_no_spike() -> None:
+    notched = ring_of([(0, 0), (4, 0), (4, 4), (3, 4), (2, 0), (1, 4), (0, 4)])
+    rng = np.random.default_rng(0)
+    for angle, x, y in rng.uniform(-5, 5, (100, 3)):
+        cos, sin = math.cos(angle), math.sin(angle)
+        ring = notched @ [[cos, sin], [-sin, cos]] + [x, y]
+        for offset, same in ((0, SAME_AREA), (FAR, FAR_AREA)):
+            assert sum(piece.area for piece in polygons_of(ring + offset)) == pytest.approx(12, rel=same)
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [

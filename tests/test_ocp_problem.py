@@ -20,7 +20,7 @@ from drake_gnnocp.ocp.variables import add_variables
 from drake_gnnocp.ocp.workspace import add_workspace
 
 # central differences with this step are good to its square times the third derivative, and to 1e-16 / step
-DIFFERENCE_STEP = 1e-5
+DIFFERENCE_STEP = 1e-6
 GRADIENT_TOLERANCE = 1e-7  # relative to the largest entry
 EXACT = 1e-12  # two ways of computing the same number
 

@@ -82,7 +82,8 @@ def optimise(
     """
     options = _fitted_to_ends(scenario, options)
     gaps = {pair: options.gap for pair in _overlapping(scenario, guess)}
-    start, rounds, best = guess, [], None
+    rounds: list[Round] = []
+    start, best = guess, None
     while len(rounds) <= options.max_rounds and time.monotonic() < deadline:
         found, success, report = _solve_once(scenario, start, gaps, options, deadline)
         rounds.append(report)
@@ -90,10 +91,10 @@ def optimise(
             best = (found, report.verification)
         if report.verification.verified:
             break
-        close = _close_pairs(scenario, found, options.threshold)
-        if success and min(close.values(), default=0.0) > -options.deep:
-            start = found
-        elif not success:  # what it left behind tells nothing: guard everything that is near the start
+        if success:
+            close = _close_pairs(scenario, found, options.threshold)
+            start = found if min(close.values(), default=0.0) > -options.deep else start
+        else:  # what it left behind tells nothing: guard everything that is near the start
             close = _close_pairs(scenario, start, options.guarded)
         _add_lines(gaps, close, options)
         options = _tightened(report.verification, options)
@@ -179,14 +180,19 @@ def _close_pairs(scenario: Scenario, trajectory: Trajectory, threshold: float) -
     Overlaps count as negative distances.
     """
     motion = drive(scenario.start, trajectory, scenario.vehicle)
-    footprints = scenario.vehicle.footprints(motion.states[::CHECK_STEP, :3])
-    intervals = np.minimum(np.arange(len(footprints)) * CHECK_STEP // motion.steps_per_interval, len(trajectory) - 2)
-    found: dict[tuple[int, int], float] = {}
-    for sample, j in zip(*_pairs_within(scenario, shapely.polygons(footprints), threshold), strict=True):
-        pair = (int(intervals[sample]), j)
-        distance = best_normal(footprints[sample], scenario.convex_obstacles[j])[2]
-        found[pair] = min(found.get(pair, math.inf), distance)
-    return found
+    corners = scenario.vehicle.footprints(motion.states[::CHECK_STEP, :3])
+    footprints = shapely.polygons(corners)
+    rings = [shapely.Polygon(ring) for ring in scenario.convex_obstacles]
+    samples, obstacles = _pairs_within(scenario, footprints, threshold)
+    intervals = np.minimum(np.array(samples) * CHECK_STEP // motion.steps_per_interval, len(trajectory) - 2)
+    nearest: dict[tuple[int, int], tuple[float, int]] = {}
+    for sample, k, j in zip(samples, intervals.tolist(), obstacles, strict=True):
+        distance = float(shapely.distance(footprints[sample], rings[j]))
+        nearest[k, j] = min(nearest.get((k, j), (math.inf, 0)), (distance, sample))
+    return {
+        (k, j): distance if distance > 0 else best_normal(corners[sample], scenario.convex_obstacles[j])[2]
+        for (k, j), (distance, sample) in nearest.items()
+    }
 
 
 def _badness(check: Verification) -> tuple[int, float, float]:

@@ -64,7 +64,7 @@ def _add_side(
 
     n = len(knots) * len(corner_x)
     rows = np.repeat(np.arange(n), 2)
-    columns = (2 * np.repeat(np.arange(len(knots)), len(corner_x))[:, None] + [0, 1]).ravel()
-    block = variables.knots[np.ix_(knots, [axis, 2])].ravel()
+    columns = (2 * np.repeat(np.arange(len(knots)), len(corner_x))[:, None] + np.arange(2)).ravel()
+    block = variables.knots[knots][:, [axis, 2]].ravel()
     name = ("xmin", "xmax", "ymin", "ymax")[2 * axis + (sign < 0)]
     add_block(program, evaluate, np.full(n, margin), np.full(n, np.inf), block, rows, columns, f"bound {name}")

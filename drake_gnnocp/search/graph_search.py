@@ -11,27 +11,30 @@ front of the queue, which then may take it back: most nodes never get there. Fro
 target the more of them, Reeds-Shepp paths to the target are tried, the cheapest first. After the first success the
 search goes on for a while: the first path is rarely the best.
 
-Around a tight root (every primitive from it is blocked, as in a short slot) the cells are much finer: a car that wriggles
-out moves by centimetres and degrees. There are few free poses there, so this costs little.
+Around a tight root (every primitive from it is blocked, as in a short slot) the cells are much finer: a car that
+wriggles out moves by centimetres and degrees. There are few free poses there, so this costs little.
 """
 
 from __future__ import annotations
 
-import bisect
 import heapq
 import math
 import time
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
 from drake_gnnocp.search.collision import Box, FootprintTest
+from drake_gnnocp.search.connection import connect
 from drake_gnnocp.search.heuristic import CostToGo
 from drake_gnnocp.search.lattice import Lattice
-from drake_gnnocp.search.moves import Costs, Move, drive, moves_of
+from drake_gnnocp.search.moves import Costs, Move
 from drake_gnnocp.search.primitives import Primitives, placed
-from drake_gnnocp.search.reeds_shepp import all_paths, path_length
+from drake_gnnocp.search.reeds_shepp import path_length
+
+Pose = tuple[float, float, float]  # x, y, theta [m, m, rad]
 
 CLOCK_EVERY = 4  # expansions between looks at the clock: less than 20 ms
 CANDIDATES = 6  # Reeds-Shepp paths tried from one node
@@ -109,7 +112,7 @@ class GraphSearch:
         x, y, theta = map(float, query.root)
         self.root_is_tight = bool((self._free_steps(placed(self._shapes, (x, y, theta))) < self._shapes.shape[1]).all())
         # the nodes, column by column
-        self._poses: list[tuple[float, float, float]] = []
+        self._poses: list[Pose] = []
         self._g: list[float] = []
         self._parents: list[int] = []
         self._arrivals: list[int] = []  # the primitive each node was reached by, -1 for the root
@@ -163,8 +166,9 @@ class GraphSearch:
 
     def _free_steps(self, poses: np.ndarray) -> np.ndarray:
         """How many of the K poses of each primitive, (P, K, 3), are driven before it collides: (P,)."""
-        hit = self._test.collides(poses.reshape(-1, 3)).reshape(poses.shape[:2])
-        return np.where(hit.any(axis=1), hit.argmax(axis=1), hit.shape[1])
+        count = poses.shape[1]
+        hit = self._test.collides(poses.reshape(-1, 3)).reshape(-1, count)
+        return np.where(hit.any(axis=1), hit.argmax(axis=1), count)
 
     def _put_back(self, f: float, node: int) -> bool:
         """Complete the heuristic of a node; when that raises its f, queue the node again."""
@@ -204,16 +208,7 @@ class GraphSearch:
                 cost = costs[p] - self._primitives.own_costs[p] * (1.0 - share)
                 self._offer((x, y, theta), cost, node, p, share, key, to_go_there)
 
-    def _offer(
-        self,
-        pose: tuple[float, float, float],
-        g: float,
-        parent: int,
-        primitive: int,
-        share: float,
-        key: int,
-        to_go: float,
-    ) -> None:
+    def _offer(self, pose: Pose, g: float, parent: int, primitive: int, share: float, key: int, to_go: float) -> None:
         """Queue a new node, unless its cell has a cheaper one or the target cannot be reached from it."""
         if to_go == math.inf or key in self._closed or g >= self._cheapest.get(key, math.inf):
             return
@@ -230,26 +225,20 @@ class GraphSearch:
     def _try_to_finish(self, node: int) -> None:
         """Keep the cheapest free Reeds-Shepp path from a node to the target, if it is the best so far."""
         before = self._primitives.moves[self._arrivals[node]] if self._arrivals[node] >= 0 else None
-        if before is not None:
-            before = Move(before.curvature, self._sign * before.length)
-        pose, g = np.array(self._poses[node]), self._g[node]
-        choices: list[tuple[float, int, list[Move]]] = []
-        for path in all_paths(pose, self._query.target, self._radius):
-            limit = self.best_cost if len(choices) < CANDIDATES else choices[CANDIDATES - 1][0]
-            if g + path.length >= limit:  # they come shortest first, and none costs less than its length
-                break
-            moves = moves_of(path)
-            as_driven = [Move(move.curvature, self._sign * move.length) for move in moves]
-            cost = g + self._costs.of(as_driven, 1.0 / self._radius, before)
-            if cost < limit:
-                bisect.insort(choices, (cost, len(choices), moves))
-        del choices[CANDIDATES:]
-        free = self._test.first_free([drive(pose, moves, self._test.spacing).poses for _, _, moves in choices])
-        if free is not None:
+        pose, g, cost_of = np.array(self._poses[node]), self._g[node], partial(self._cost, before)
+        limit = self.best_cost - g
+        found = connect(pose, self._query.target, self._radius, self._test, cost_of, limit, CANDIDATES)
+        if found is not None:
             if self.best is None:
                 self._last_expansion = self.expansions + POLISH_LEAST + int(POLISH_SHARE * self.expansions)
-            self.best_cost, _, moves = choices[free]
-            self.best = self._moves_to(node) + moves
+            self.best_cost, self.best = g + found[0], self._moves_to(node) + found[1]
+
+    def _cost(self, before: Move | None, moves: list[Move]) -> float:
+        """Cost of moves after the move before them, in the direction they will be driven."""
+        as_driven = [Move(move.curvature, self._sign * move.length) for move in moves]
+        if before is not None:
+            before = Move(before.curvature, self._sign * before.length)
+        return self._costs.of(as_driven, 1.0 / self._radius, before)
 
     def _moves_to(self, node: int) -> list[Move]:
         moves: list[Move] = []

@@ -9,7 +9,6 @@ shortened, see `shortcut`.
 
 from __future__ import annotations
 
-import logging
 import math
 import time
 from collections.abc import Sequence
@@ -26,8 +25,6 @@ from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs, Move, backwards, drive, merged
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.shortcut import shortened
-
-log = logging.getLogger(__name__)
 
 INSTALMENT = 100  # expansions each of the two searches does in turn
 FREE_MARGIN = 10.0  # m, of free space around start, goal and obstacles that is searched without bounds
@@ -102,12 +99,9 @@ def search(
     if time.monotonic() > deadline:
         return SearchResult(None, "out of time", 0)
     region = search_region(scenario)
-    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / MOST_CELLS))
-    cut_off = scenario.vehicle.width + 2.0 * (options.margin + cell)
-    world = DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
+    world = _distance_field(scenario, region, options.margin)
     queries = _queries(scenario, world, deadline)
-    x, y, _ = scenario.start
-    unreachable = math.isinf(queries[0].cost_to_go.at(np.array([x]), np.array([y]))[0])
+    unreachable = math.isinf(queries[0].cost_to_go.at(scenario.start[:1], scenario.start[1:2])[0])
     if time.monotonic() > deadline:  # the heuristics may be unfinished: their infinities prove nothing
         return SearchResult(None, "out of time", 0)
     if unreachable:
@@ -117,12 +111,11 @@ def search(
         if stage.lattice and queries[0].lattice is None:
             queries = [_with_lattice(query, scenario, world, region, deadline) for query in queries]
         test = FootprintTest(scenario, world, region, Margins.of(scenario, stage.margin * options.margin))
-        radius, resolution = scenario.vehicle.turning_radius, _resolution(options, stage)
-        searches = [GraphSearch(query, test, region, radius, options.costs, resolution) for query in queries]
+        common = (test, region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
+        searches = [GraphSearch(query, *common) for query in queries]
         outcome = _take_turns(searches, stage.expansions, deadline)
         moves = _best(searches)
         expansions += sum(each.expansions for each in searches)
-        log.debug("%s: %s after %d expansions", stage, outcome.value if moves is None else "path", expansions)
         if moves is not None:
             moves = shortened(scenario, moves, test, options.costs, deadline)
             return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
@@ -146,6 +139,12 @@ def search_region(scenario: Scenario) -> Box:
         low = np.maximum(low, scenario.bounds[0::2])
         high = np.minimum(high, scenario.bounds[1::2])
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def _distance_field(scenario: Scenario, region: Box, margin: float) -> DistanceField:
+    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / MOST_CELLS))
+    cut_off = scenario.vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
+    return DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
 
 
 def _queries(scenario: Scenario, world: DistanceField, deadline: float) -> list[Query]:
@@ -204,8 +203,6 @@ def _best(searches: Sequence[GraphSearch]) -> list[Move] | None:
 
 def _geared_path(scenario: Scenario, moves: list[Move], step: float) -> GearedPath:
     """The poses along moves, the last one moved by its rounding error onto the goal."""
-    if not moves:
-        return GearedPath(np.stack([scenario.start] * 2), np.array([1, 1]), np.zeros(2))
     path = drive(scenario.start, moves, step)
     turns = round((path.poses[-1, 2] - scenario.goal[2]) / (2 * math.pi))
     path.poses[-1] = scenario.goal + (0.0, 0.0, 2 * math.pi * turns)

@@ -1,10 +1,10 @@
 r"""Cost-to-go that knows where the car can turn: shortest paths on a coarse lattice of positions and headings.
 
-The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car which
-points the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and one of
-16 headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle or leaves the region. A
-state has six neighbours: one step ahead or back, and a sixteenth of a turn left or right at full lock in either gear. The
-shortest lengths V to the target are the fixed point of V(s) = min over the moves of (length + V(s after the move)),
+The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car
+which points the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and
+one of 16 headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle or leaves the region.
+A state has six neighbours: one step ahead or back, and a sixteenth of a turn left or right at full lock in either gear.
+The shortest lengths V to the target are the fixed point of V(s) = min over the moves of (length + V(s after the move)),
 found layer by layer with numpy.
 
 It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements

@@ -99,13 +99,14 @@ def joints(start: np.ndarray, moves: Sequence[Move]) -> np.ndarray:
 
 
 def drive(start: np.ndarray, moves: Sequence[Move], step: float) -> GearedPath:
-    """Poses along moves (at least one) at most step [m] apart, the ends of every move among them."""
+    """Poses along moves at most step [m] apart, the ends of every move among them; without moves the start twice."""
+    moves = moves or [Move(0.0, 0.0)]
     counts = [max(1, math.ceil(abs(length) / step)) for _, length in moves]
     which = np.repeat(np.arange(len(moves)), counts)
     fractions = np.concatenate([np.arange(1, count + 1) / count for count in counts])
     curvatures, lengths = np.array(moves)[which].T
     poses = _along(joints(start, moves)[which], curvatures, lengths * fractions)
-    gears = np.where(lengths > 0, 1, -1)
+    gears = np.where(lengths >= 0, 1, -1)
     return GearedPath(
         np.concatenate([np.asarray(start, dtype=float)[None], poses]),
         np.concatenate([gears[:1], gears]),

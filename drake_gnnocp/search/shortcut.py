@@ -1,20 +1,20 @@
 r"""Shortens a path: pieces of it are replaced by cheaper free Reeds-Shepp paths between their ends.
 
 A search on a grid finds paths that wiggle and that change gear where the grid suggested it. Here the path is cut every
-few metres; from the start on, the longest run of pieces that can be replaced is. A second round with other cuts follows.
+few metres; from the start on, the longest run of pieces that can be replaced is. A second round cuts elsewhere.
 """
 
 from __future__ import annotations
 
 import math
 import time
-
-import numpy as np
+from functools import partial
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import FootprintTest
-from drake_gnnocp.search.moves import Costs, Move, drive, joints, merged, moves_of
-from drake_gnnocp.search.reeds_shepp import all_paths, path_length
+from drake_gnnocp.search.connection import connect
+from drake_gnnocp.search.moves import Costs, Move, joints, merged
+from drake_gnnocp.search.reeds_shepp import path_length
 
 CUT_EVERY = (2.0, 1.1)  # m, most between two cuts, in each round
 MOST_CUTS = 24  # long paths are cut less often: pairs of cuts are tried
@@ -22,9 +22,7 @@ CANDIDATES = 3  # Reeds-Shepp paths tried for one piece
 GAIN = 0.05  # m, smaller improvements are left
 
 
-def shortened(
-    scenario: Scenario, moves: list[Move], test: FootprintTest, costs: Costs, deadline: float
-) -> list[Move]:
+def shortened(scenario: Scenario, moves: list[Move], test: FootprintTest, costs: Costs, deadline: float) -> list[Move]:
     """A path from the scenario's start that costs no more than the given one and is as free.
 
     Args:
@@ -40,9 +38,7 @@ def shortened(
     return moves
 
 
-def _round(
-    scenario: Scenario, pieces: list[Move], test: FootprintTest, costs: Costs, deadline: float
-) -> list[Move]:
+def _round(scenario: Scenario, pieces: list[Move], test: FootprintTest, costs: Costs, deadline: float) -> list[Move]:
     """Replace, from the start on, the longest replaceable run of pieces, and go on behind it."""
     cuts, radius = joints(scenario.start, pieces), scenario.vehicle.turning_radius
     result: list[Move] = []
@@ -52,41 +48,21 @@ def _round(
         for last in range(len(pieces), first + 1, -1):
             if time.monotonic() > deadline:
                 return merged(result + pieces[first:])
-            old = pieces[first:last]
-            rest = pieces[last : last + 1]  # the change of gear and steering at the end counts as well
-            limit = costs.of(old + rest, 1.0 / radius, result[-1] if result else None) - GAIN
+            # the changes of gear and steering at both ends count as well
+            cost_of = partial(_cost, costs, radius, result[-1] if result else None, pieces[last : last + 1])
+            limit = cost_of(pieces[first:last]) - GAIN
             if path_length(cuts[first], cuts[last], radius) < limit:
-                better = _replacement(cuts[first], cuts[last], rest, limit, result, test, costs, radius)
+                better = connect(cuts[first], cuts[last], radius, test, cost_of, limit, CANDIDATES)
                 if better is not None:
-                    past, new = last, better
+                    past, new = last, better[1]
                     break
         result += new
         first = past
     return merged(result)
 
 
-def _replacement(
-    start: np.ndarray,
-    end: np.ndarray,
-    rest: list[Move],
-    limit: float,
-    before: list[Move],
-    test: FootprintTest,
-    costs: Costs,
-    radius: float,
-) -> list[Move] | None:
-    """The cheapest free Reeds-Shepp path between two poses (3,), None if none costs less than the limit."""
-    choices: list[tuple[float, int, list[Move]]] = []
-    for path in all_paths(start, end, radius):
-        if path.length >= limit:
-            break
-        moves = moves_of(path)
-        cost = costs.of(moves + rest, 1.0 / radius, before[-1] if before else None)
-        if cost < limit:
-            choices.append((cost, len(choices), moves))
-    cheapest = [moves for _, _, moves in sorted(choices)[:CANDIDATES]]
-    free = test.first_free([drive(start, moves, test.spacing).poses for moves in cheapest])
-    return None if free is None else cheapest[free]
+def _cost(costs: Costs, radius: float, before: Move | None, after: list[Move], moves: list[Move]) -> float:
+    return costs.of(moves + after, 1.0 / radius, before)
 
 
 def _cut(moves: list[Move], longest: float) -> list[Move]:

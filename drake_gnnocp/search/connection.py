@@ -1,0 +1,49 @@
+"""The cheapest collision-free Reeds-Shepp path between two poses, by the costs of the search instead of its length."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable
+
+import numpy as np
+
+from drake_gnnocp.search.collision import FootprintTest
+from drake_gnnocp.search.moves import Move, drive, moves_of
+from drake_gnnocp.search.reeds_shepp import all_paths
+
+
+def connect(
+    start: np.ndarray,
+    end: np.ndarray,
+    turning_radius: float,
+    test: FootprintTest,
+    cost_of: Callable[[list[Move]], float],
+    limit: float,
+    candidates: int,
+) -> tuple[float, list[Move]] | None:
+    """Connect two poses.
+
+    Args:
+        start: (3,) x, y, theta [m, m, rad].
+        end: (3,) x, y, theta [m, m, rad].
+        turning_radius: of all arcs [m].
+        test: the collision test.
+        cost_of: cost of moves, no less than their length [m].
+        limit: dearer paths are of no interest [m].
+        candidates: so many of the cheapest paths are tested for collisions.
+
+    Returns:
+        The cost and the moves of the cheapest free path among the candidates, None if there is none.
+    """
+    choices: list[tuple[float, int, list[Move]]] = []  # sorted; the counter keeps equal costs in the order they came
+    for path in all_paths(start, end, turning_radius):
+        dearest = limit if len(choices) < candidates else choices[candidates - 1][0]
+        if path.length >= dearest:  # they come shortest first
+            break
+        moves = moves_of(path)
+        cost = cost_of(moves)
+        if cost < dearest:
+            bisect.insort(choices, (cost, len(choices), moves))
+    del choices[candidates:]
+    free = test.first_free([drive(start, moves, test.spacing).poses for _, _, moves in choices])
+    return None if free is None else (choices[free][0], choices[free][2])

@@ -1,0 +1,204 @@
+"""Hybrid A*: what it finds is free, drivable, ends right and is the same every time."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from drake_gnnocp.scenario import Scenario, bundled_scenarios
+from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.search.heuristic import CostToGo
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search, search_region
+from drake_gnnocp.search.path import GearedPath
+from drake_gnnocp.search.reeds_shepp import path_length
+from drake_gnnocp.vehicle import Vehicle
+
+DENSE = 0.05  # m, spacing of the independent check
+ROUNDING = 1e-9  # m and rad, of integrating some hundred arcs
+LATE = 0.15  # s, 50 ms and what a busy machine adds
+TPCAP = Path("/work/shared/scenarios/tpcap")
+
+
+def box(cx: float, cy: float, width: float, height: float) -> np.ndarray:
+    return np.array([cx, cy]) + np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
+
+
+def scenario(
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    *obstacles: np.ndarray,
+    bounds: tuple[float, float, float, float] | None = None,
+) -> Scenario:
+    return Scenario("test", np.array(start), np.array(goal), obstacles, bounds)
+
+
+def densified(path: GearedPath) -> np.ndarray:
+    """Poses every DENSE metres on the arcs the path states, independent of the search's own sampling."""
+    poses = [path.poses[0]]
+    for a, b, gear, kappa in zip(path.poses[:-1], path.poses[1:], path.gears[1:], path.curvatures[1:], strict=True):
+        chord = math.hypot(b[0] - a[0], b[1] - a[1])
+        arc = chord if kappa == 0 else 2 / abs(kappa) * math.asin(min(1.0, 0.5 * abs(kappa) * chord))
+        for s in gear * np.linspace(0, arc, max(2, math.ceil(arc / DENSE) + 1))[1:]:
+            turn = kappa * s
+            dx, dy = (s, 0.0) if kappa == 0 else (math.sin(turn) / kappa, (1 - math.cos(turn)) / kappa)
+            cos, sin = math.cos(a[2]), math.sin(a[2])
+            poses.append(np.array([a[0] + cos * dx - sin * dy, a[1] + sin * dx + cos * dy, a[2] + turn]))
+        np.testing.assert_allclose(poses[-1], b, atol=ROUNDING)
+    return np.array(poses)
+
+
+def assert_sound(task: Scenario, result: SearchResult) -> GearedPath:
+    """The path is free by shapely, drivable, and goes from the start to the goal."""
+    assert result.status == "found"
+    assert result.path is not None
+    path = result.path
+    np.testing.assert_array_equal(path.poses[0], task.start)
+    np.testing.assert_array_equal(path.poses[-1, :2], task.goal[:2])
+    assert abs(math.remainder(path.poses[-1, 2] - task.goal[2], 2 * math.pi)) < ROUNDING
+    assert np.abs(path.curvatures).max() <= 1 / task.vehicle.turning_radius + 1e-15
+    assert path.gears[0] == path.gears[1]
+    assert path.curvatures[0] == path.curvatures[1]
+    assert set(path.gears.tolist()) <= {-1, 1}
+    assert np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).max() <= 0.2
+    cars = shapely.polygons(task.vehicle.footprints(densified(path)))
+    assert not any(shapely.intersects(polygon, cars).any() for polygon in task.polygons)
+    if task.bounds is not None:
+        xmin, xmax, ymin, ymax = task.bounds
+        assert shapely.box(xmin, ymin, xmax, ymax).buffer(ROUNDING).covers(cars).all()
+    return path
+
+
+def gear_changes(path: GearedPath) -> int:
+    return int((path.gears[1:] != path.gears[:-1]).sum())
+
+
+SLOT = (box(-5.25, -2.6, 8.0, 5.2), box(5.25, -2.6, 8.0, 5.2), box(0.0, -5.5, 18.5, 0.4), box(0.0, 6.2, 30.0, 0.4))
+KERB = (box(-6.1, 0.0, 6.0, 2.2), box(6.1, 0.0, 6.0, 2.2), box(0.0, -1.6, 30.0, 0.6), box(0.0, 8.0, 30.0, 0.5))
+IN_SLOT, IN_AISLE = (0.0, -1.4, -math.pi / 2), (-7.0, 2.5, 0.0)
+AT_KERB, ON_ROAD = (-1.415, -0.1, 0.0), (5.0, 3.2, 0.0)
+GATE = (box(0.0, 11.15, 0.5, 20.0), box(0.0, -11.15, 0.5, 20.0))
+LANE = (box(10.0, 3.4, 30.0, 0.4), box(10.0, -3.4, 30.0, 0.4), box(25.0, 0.0, 0.4, 7.0))
+TASKS = {
+    "into a perpendicular slot": scenario(IN_AISLE, IN_SLOT, *SLOT),
+    "out of a perpendicular slot": scenario(IN_SLOT, IN_AISLE, *SLOT),
+    "into a parallel slot 1.5 m longer than the car": scenario(ON_ROAD, AT_KERB, *KERB),
+    "out of a parallel slot 1.5 m longer than the car": scenario(AT_KERB, ON_ROAD, *KERB),
+    "through a gate of 2.3 m": scenario((-10.0, 3.0, 0.3), (8.0, -4.0, 0.0), *GATE),
+    "backwards out of a dead end": scenario((12.0, 0.0, 0.0), (-12.0, 0.0, math.pi), *LANE),
+    "sixty metres": scenario((0.0, 0.0, 1.5), (60.0, 3.0, -1.5), box(30.0, 0.0, 1.0, 20.0)),
+}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_typical_manoeuvres_are_found_free_and_drivable(name: str) -> None:
+    assert_sound(TASKS[name], search(TASKS[name]))
+
+
+@pytest.mark.parametrize("goal", [(12.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (3.0, 30.0, 3.0)])
+def test_without_obstacles_the_path_is_nearly_the_shortest(goal: tuple[float, float, float]) -> None:
+    task = scenario((0.0, 0.0, 0.0), goal)
+    path = assert_sound(task, search(task))
+    length = np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
+    shortest = path_length(task.start, task.goal, task.vehicle.turning_radius)
+    assert length <= shortest + 2 * HybridAStarOptions().costs.gear_change + 0.2 * shortest
+
+
+def test_straight_ahead_needs_no_change_of_gear() -> None:
+    task = scenario((0.0, 0.0, 0.0), (20.0, 2.0, 0.0), box(10.0, -6.0, 4.0, 4.0))
+    assert gear_changes(assert_sound(task, search(task))) == 0
+
+
+@pytest.mark.parametrize("turns", [0, 1, -2])
+def test_goal_equal_to_start_gives_a_path_that_stays(turns: int) -> None:
+    task = scenario((0.0, 0.0, 0.5), (0.0, 0.0, 0.5 + 2 * math.pi * turns))
+    path = assert_sound(task, search(task))
+    np.testing.assert_allclose(path.poses - task.start, 0.0, atol=ROUNDING)
+
+
+def test_heading_starts_at_the_given_number_of_turns_and_never_jumps() -> None:
+    task = scenario((0.0, 0.0, 9.0), (-8.0, 3.0, -20.0))
+    path = assert_sound(task, search(task))
+    assert np.abs(np.diff(path.poses[:, 2])).max() < 0.2
+
+
+def test_same_input_gives_the_same_path() -> None:
+    task = TASKS["into a perpendicular slot"]
+    first, second = search(task), search(task)
+    assert first.path is not None and second.path is not None
+    assert first.expansions == second.expansions
+    np.testing.assert_array_equal(first.path.poses, second.path.poses)
+
+
+def test_walled_in_goal_gives_no_path() -> None:
+    ring = [box(0.0, 5.0, 16.0, 0.3), box(0.0, -5.0, 16.0, 0.3), box(8.0, 0.0, 0.3, 10.3), box(-8.0, 0.0, 0.3, 10.3)]
+    result = search(scenario((20.0, 0.0, 0.0), (-1.0, 0.0, 0.0), *ring))
+    assert (result.status, result.path) == ("no path", None)
+
+
+def test_thin_wall_is_not_jumped() -> None:
+    wall = box(10.0, 0.0, 0.1, 30.0)
+    closed = search(scenario((0.0, 0.0, 0.0), (16.0, 0.0, 0.0), wall, bounds=(-8.0, 25.0, -10.0, 10.0)))
+    assert closed.status == "no path"
+    around = scenario((0.0, 0.0, 0.0), (16.0, 0.0, 0.0), wall)
+    assert np.abs(assert_sound(around, search(around)).poses[:, 1]).max() > 15.0
+
+
+def test_bounds_are_kept() -> None:
+    task = scenario((0.0, 0.0, 0.0), (0.0, 3.0, math.pi), bounds=(-5.0, 7.0, -3.0, 6.0))
+    assert_sound(task, search(task))
+
+
+def test_past_deadline_is_out_of_time_at_once() -> None:
+    result = search(TASKS["sixty metres"], deadline=time.monotonic() - 1.0)
+    assert (result.status, result.path, result.expansions) == ("out of time", None, 0)
+
+
+def test_deadline_is_kept() -> None:
+    # the goal is behind a gap that a disc passes and the car does not
+    shut = scenario((-10.0, 0.0, 0.0), (10.0, 0.0, 0.0), *GATE_TOO_NARROW, bounds=(-20.0, 20.0, -20.0, 20.0))
+    for seconds in (0.01, 0.1, 2.0):
+        begin = time.monotonic()
+        result = search(shut, deadline=begin + seconds)
+        assert result.status == "out of time"
+        assert time.monotonic() - begin < seconds + LATE
+
+
+GATE_TOO_NARROW = (box(0.0, 10.94, 0.5, 20.0), box(0.0, -10.94, 0.5, 20.0))  # 1.88 m
+
+
+def test_far_obstacle_does_not_enlarge_the_search() -> None:
+    near, far = scenario((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)), box(5000.0, 0.0, 1.0, 1.0)
+    region = search_region(scenario((0.0, 0.0, 0.0), (9.0, 0.0, 0.0), far))
+    assert region[1] - region[0] < 100.0
+    assert search_region(near)[1] <= region[1]
+
+
+def test_cost_to_go_is_the_distance_in_the_open_and_infinite_behind_walls() -> None:
+    ring = (box(0.0, 5.0, 16.0, 0.3), box(0.0, -5.0, 16.0, 0.3), box(8.0, 0.0, 0.3, 10.3), box(-8.0, 0.0, 0.3, 10.3))
+    field = DistanceField.of(ring, (-20.0, 20.0, -20.0, 20.0), 0.2, 3.0)
+    to_go = CostToGo.of(field, Vehicle(), np.array([0.0, 0.0, 0.0]))
+    inside, behind = to_go.at(np.array([5.0, 0.0]), np.array([0.0, 12.0]))
+    assert inside == pytest.approx(5.0, abs=2 * to_go.cell)
+    assert behind == math.inf
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", bundled_scenarios())
+def test_bundled_scenarios_are_solved(name: str) -> None:
+    task = Scenario.load(name)
+    task = task.translated(-task.start[0], -task.start[1])
+    assert_sound(task, search(task))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not TPCAP.is_dir(), reason="the TPCAP benchmark cases are not on this machine")
+@pytest.mark.parametrize("case", sorted(TPCAP.glob("*.csv")), ids=lambda path: path.stem)
+def test_tpcap_cases_are_solved(case: Path) -> None:
+    task = Scenario.load(case)
+    task = task.translated(-task.start[0], -task.start[1])
+    assert_sound(task, search(task))
