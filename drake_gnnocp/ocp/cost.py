@@ -26,7 +26,7 @@ class CostWeights:
     lambda1: float = 1.0  # of J1
     lambda2: float = 1.0  # of J2
     gamma: float = 1.1  # base of J2, > 1: an obstacle 5 m away costs 0.09 a second (the paper leaves it open)
-    time: float = 1.0  # 1/s, weight of t_final where the horizon is free
+    time: float = 10.0  # 1/s, weight of t_final where the horizon is free: plans then use most of the limits
 
 
 @dataclass(frozen=True)
