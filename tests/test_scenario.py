@@ -93,6 +93,7 @@ def test_translating_moves_everything_and_back_again() -> None:
     assert moved.bounds == (95, 130, -56, -19)
     assert moved.vehicle == given.vehicle
     assert given.translated(1, 2).translated(-1, -2).to_dict() == given.to_dict()
+    assert Scenario.from_dict(task()).translated(1, 2).bounds is None
 
 
 def test_a_map_in_world_coordinates_keeps_its_shape() -> None:

@@ -131,7 +131,13 @@ def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions
     """Margins no larger than what start and goal allow."""
     ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
     allowed = options.end_share * min_clearance(scenario, ends)
-    problem = replace(options.problem, margin=min(options.problem.margin, allowed))
+    bounds_margin = options.problem.bounds_margin
+    if scenario.bounds is not None:
+        xmin, xmax, ymin, ymax = scenario.bounds
+        (left, low), (right, high) = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+        to_bounds = max(0.0, min(left - xmin, xmax - right, low - ymin, ymax - high))
+        bounds_margin = min(bounds_margin, options.end_share * to_bounds)
+    problem = replace(options.problem, margin=min(options.problem.margin, allowed), bounds_margin=bounds_margin)
     return replace(
         options, problem=problem, gap=min(options.gap, allowed), threshold=min(options.threshold, allowed)
     )

@@ -6,8 +6,8 @@ corners of the car at both knots on one side and the obstacle on the other:
     n . p_i - beta >= gap   (8 corners),        beta - n . q_m >= 0   (vertices of the obstacle)
 
 alpha and beta are two more decision variables. A convex set that separates both footprints separates their convex hull,
-which holds the footprints in between but for the bulge of a turning corner, r dtheta^2 / 8: the gap covers it. Where the
-guess overlaps the obstacle the rows still have a gradient, along the shortest way out, which triangle areas lack.
+which holds the footprints in between but for the bulge of a turning corner, r dtheta^2 / 8: the gap covers it. Where
+the guess overlaps the obstacle the rows still have a gradient, along the shortest way out, which triangle areas lack.
 """
 
 from __future__ import annotations

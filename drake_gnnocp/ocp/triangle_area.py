@@ -110,8 +110,8 @@ def _points(rows: Rows, poses: np.ndarray) -> np.ndarray:
 def near_rows(poses: np.ndarray, obstacles: tuple[np.ndarray, ...], vehicle: Vehicle, near: float) -> Rows:
     """The rows that can become active near the guess.
 
-    For every knot and obstacle nearer than `near` these are the two corners nearest to the obstacle and its two vertices
-    nearest to the car: rows are what costs, and the others' turn comes when they are nearest in a later round.
+    For every knot and obstacle nearer than `near` these are the two corners nearest to the obstacle and its two
+    vertices nearest to the car: rows are what costs, and the others' turn comes when they are nearest in a later round.
 
     Args:
         poses: (N, 3) of the knots, the first and the last fixed and without rows [m, m, rad].

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.plan.guess import GUESSES, check_available
-from drake_gnnocp.plan.planner import Horizon, check_horizon, plan
+from drake_gnnocp.plan.planner import LONGEST, Horizon, check_horizon, plan
 from drake_gnnocp.plan.result import Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
@@ -64,7 +64,7 @@ def _horizon(text: str) -> Horizon:
         horizon: Horizon = text if text in ("guess", "free") else float(text)
         check_horizon(horizon)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"must be guess, free or a positive number of seconds, not {text!r}") from None
+        raise argparse.ArgumentTypeError(f"must be guess, free or 0 to {LONGEST:g} seconds, not {text!r}") from None
     return horizon
 
 
@@ -97,7 +97,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError):
-        return f"{error.filename}: --out: {error.strerror}"
+        return f"--out: {error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
 

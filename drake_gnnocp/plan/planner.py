@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -24,6 +23,7 @@ from drake_gnnocp.trajectory import Trajectory
 logger = logging.getLogger(__name__)
 
 Horizon = float | str  # seconds, "guess" or "free"
+LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,10 @@ def plan(
 
 
 def check_horizon(horizon: Horizon) -> None:
-    """Raise ValueError unless the horizon is "guess", "free" or a positive duration [s]."""
+    """Raise ValueError unless the horizon is "guess", "free" or a duration in (0, LONGEST] [s]."""
     is_duration = isinstance(horizon, int | float) and not isinstance(horizon, bool)
-    if horizon not in ("guess", "free") and not (is_duration and 0 < float(horizon) < math.inf):
-        raise ValueError(f"horizon: must be 'guess', 'free' or a positive number of seconds, not {horizon!r}")
+    if horizon not in ("guess", "free") and not (is_duration and 0 < float(horizon) <= LONGEST):
+        raise ValueError(f"horizon: must be 'guess', 'free' or 0 to {LONGEST:g} seconds, not {horizon!r}")
 
 
 def _strategies(
@@ -124,6 +124,9 @@ def _attempt(
         seconds = time.monotonic() - begin
         return Attempt(source, seconds, 0.0, 0.0, 0, 0, "", None, False, made.reason), None, None
     duration = float(horizon) if not isinstance(horizon, str) else start.duration * slack
+    if duration > LONGEST:
+        reason = f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
+        return Attempt(source, time.monotonic() - begin, 0.0, 0.0, 0, 0, "", None, False, reason), None, None
     start = with_duration(start, duration)
     guess_seconds = time.monotonic() - begin
     outcome = optimise(scenario, start, options.refine, deadline)
