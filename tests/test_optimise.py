@@ -23,7 +23,7 @@ STATE_SCALE = 100.0
 @pytest.fixture(scope="module")
 def gate() -> Scenario:
     """A gate of 3 m between two blocks, off the straight line from start to goal."""
-    blocks = ([[6, -8], [8, -8], [8, 1], [6, 1]], [[6, 4], [8, 4], [8, 10], [6, 10]])
+    blocks = ([[6, -8], [8, -8], [8, 0], [6, 0]], [[6, 3], [8, 3], [8, 10], [6, 10]])
     return Scenario(
         "gate",
         np.array([0.0, 0.0, 0.0]),
