@@ -12,7 +12,7 @@ import pytest
 import drake_gnnocp
 from drake_gnnocp import Scenario, Trajectory, Vehicle, plan
 from drake_gnnocp.plan.__main__ import main
-from drake_gnnocp.plan.guess import GuessUnavailable, with_duration
+from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.scenario import bundled_scenarios
 from drake_gnnocp.verification import verify
 
@@ -160,16 +160,6 @@ def test_guesses_that_cannot_be_made_are_refused(guess: str) -> None:
 def test_an_illegal_budget_is_refused(seconds: float) -> None:
     with pytest.raises(ValueError, match="max_seconds"):
         plan(Scenario.load("empty_field"), max_seconds=seconds)
-
-
-def test_with_duration_scales_speeds_and_keeps_the_path() -> None:
-    t = np.linspace(0, 4, 5)
-    states = np.column_stack([t, t, t, np.ones(5), np.ones(5)])
-    slower = with_duration(Trajectory(t, states, np.ones((5, 2))), 8.0)
-    assert slower.duration == 8.0
-    np.testing.assert_array_equal(slower.poses, states[:, :3])
-    np.testing.assert_allclose(slower.states[:, 3:], [[0.5, 1.0]] * 5)
-    np.testing.assert_allclose(slower.inputs, [[0.25, 0.5]] * 5)
 
 
 @pytest.mark.slow

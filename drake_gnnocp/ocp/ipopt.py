@@ -27,7 +27,7 @@ class IpoptOptions:
     feasibility: float = 1e-5  # m (and rad), largest constraint violation accepted
     complementarity: float = 1e-2  # largest complementarity accepted
     objective_change: float = 1e-3  # relative, of the last iterations: stop when the cost has settled
-    settled_iterations: int = 3  # iterations the above must hold
+    settled_iterations: int = 2  # iterations the above must hold
     max_iterations: int = 500
     history: int = 6  # pairs of the limited-memory BFGS
 

@@ -11,7 +11,7 @@ from drake_gnnocp.ocp.cost import CostWeights, add_cost
 from drake_gnnocp.ocp.dynamics import add_dynamics
 from drake_gnnocp.ocp.separating_line import Separation, add_separating_line
 from drake_gnnocp.ocp.triangle_area import add_triangle_areas, near_rows
-from drake_gnnocp.ocp.variables import KNOT_SCALE, STEP_SCALE, Variables, add_ends, add_limits, add_variables
+from drake_gnnocp.ocp.variables import KNOT_SCALE, STEP_SCALE, Variables, add_ends, add_limits, add_tube, add_variables
 from drake_gnnocp.ocp.workspace import add_workspace
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -22,10 +22,12 @@ class ProblemOptions:
     """What the problem asks for."""
 
     weights: CostWeights = field(default_factory=CostWeights)
-    margin: float = 0.05  # m, clearance asked of the triangle areas at the knots
+    margin: float = 0.1  # m, clearance asked of the triangle areas at the knots
     bounds_margin: float = 0.02  # m, clearance asked of the bounds at the knots
     limits_margin: float = 0.0  # relative, of the vehicle's limits at the knots (v and phi can peak in between)
-    near: float = 3.0  # m, rows farther from their obstacle at the guess are left out
+    near: float = 2.5  # m, rows farther from their obstacle at the guess are left out
+    tube: float = 2.0  # m, poses stay this near the guess's
+    tube_heading: float = 0.8  # rad
     free_horizon: bool = False  # whether the duration is a decision variable
 
 
@@ -57,6 +59,8 @@ def build(
 
     variables = add_variables(program, len(guess), h, options.free_horizon)
     add_limits(program, variables, vehicle, options.limits_margin)
+    if not options.free_horizon:
+        add_tube(program, variables, poses, np.array([options.tube, options.tube, options.tube_heading]))
     add_ends(program, variables, scenario.start, scenario.goal + [0.0, 0.0, turns])
     add_dynamics(program, variables, vehicle)
     rows = near_rows(poses, scenario.convex_obstacles, vehicle, options.near)

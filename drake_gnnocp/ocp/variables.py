@@ -64,6 +64,16 @@ def add_limits(program: MathematicalProgram, variables: Variables, vehicle: Vehi
     program.AddBoundingBoxConstraint(-bound, bound, columns.ravel()).evaluator().set_description("limits")
 
 
+def add_tube(program: MathematicalProgram, variables: Variables, poses: np.ndarray, reach: np.ndarray) -> None:
+    """Poses no farther from the guess's (N, 3) than reach (3,) in x, y, theta [m, m, rad].
+
+    It keeps the solver from jumping over thin obstacles, and to places where no rows guard it.
+    """
+    columns, low, high = variables.knots[1:-1, :3], poses[1:-1] - reach, poses[1:-1] + reach
+    box = program.AddBoundingBoxConstraint((low / STATE_SCALE).ravel(), (high / STATE_SCALE).ravel(), columns.ravel())
+    box.evaluator().set_description("tube")
+
+
 def add_ends(program: MathematicalProgram, variables: Variables, start: np.ndarray, goal: np.ndarray) -> None:
     """Start and goal pose (3,), with v = phi = a = w = 0 at both (the paper's boundary conditions)."""
     for name, knot, pose in (("start", 0, start), ("goal", -1, goal)):

@@ -78,12 +78,3 @@ def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:
     states[:, :3] = start + (t / duration)[:, None] * change
     return Guess(Trajectory(t, states, np.zeros((options.n_knots, 2))))
 
-
-def with_duration(trajectory: Trajectory, duration: float) -> Trajectory:
-    """The same path driven evenly faster or slower, so that it takes `duration` [s]."""
-    factor = trajectory.duration / duration
-    states, inputs = trajectory.states.copy(), trajectory.inputs.copy()
-    states[:, 3] *= factor
-    inputs[:, 0] *= factor**2
-    inputs[:, 1] *= factor
-    return Trajectory(trajectory.t / factor, states, inputs)

@@ -14,10 +14,10 @@ from drake_gnnocp.plan.guess import (
     check_available,
     hybrid_astar_guess,
     straight_guess,
-    with_duration,
 )
 from drake_gnnocp.plan.result import Attempt, Plan
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.retiming import gently_timed, with_duration
 from drake_gnnocp.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -127,7 +127,8 @@ def _attempt(
     if duration > LONGEST:
         reason = f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
         return Attempt(source, time.monotonic() - begin, 0.0, 0.0, 0, 0, "", None, False, reason), None, None
-    start = with_duration(start, duration)
+    # with a free horizon plans end near the limits, where the speed planner's timing already is
+    start = with_duration(start, duration) if horizon == "free" else gently_timed(start, duration, scenario.vehicle)
     guess_seconds = time.monotonic() - begin
     outcome = optimise(scenario, start, options.refine, deadline)
     rounds = outcome.rounds
