@@ -75,6 +75,11 @@ class Scenario:
         return tuple(polygon for ring in self.obstacles for polygon in polygons_of(ring))
 
     @cached_property
+    def centroids(self) -> np.ndarray:
+        """Geometric centres of the obstacles: (J, 2) [m]."""
+        return np.array([[polygon.centroid.x, polygon.centroid.y] for polygon in self.polygons]).reshape(-1, 2)
+
+    @cached_property
     def convex_obstacles(self) -> tuple[np.ndarray, ...]:
         """Convex rings (M, 2), counter-clockwise, that cover the obstacles exactly [m]."""
         return tuple(part for polygon in self.polygons for part in convex_parts(polygon))

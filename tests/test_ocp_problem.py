@@ -110,7 +110,7 @@ def test_trapezoid_rows_of_a_fixed_horizon_are_the_defects_of_v_and_phi() -> Non
         for binding in program.linear_equality_constraints()
     ]
     expected = defects(knots, h, Vehicle().wheelbase)[0][:, 3:]
-    np.testing.assert_allclose(np.reshape(rows, (4, 2)) * 100, expected, atol=EXACT)
+    np.testing.assert_allclose(np.reshape(rows, (2, 4)).T * 100, expected, atol=EXACT)
 
 
 def test_excess_area_is_edge_length_times_distance_and_zero_inside() -> None:

@@ -43,7 +43,7 @@ def guess(gate: Scenario) -> Trajectory:
 def test_the_solution_holds_every_constraint_to_the_solvers_tolerance(gate: Scenario, guess: Trajectory) -> None:
     problem = build(gate, guess, [], ProblemOptions())
     step = problem.variables.fixed_step
-    solution = solve(problem.program, problem.guess, 2 * step, 30.0, IpoptOptions())
+    solution = solve(problem.program, problem.guess, problem.hessian, 30.0, IpoptOptions())
     assert solution.success, solution
     for binding in problem.program.GetAllConstraints():
         evaluator = binding.evaluator()

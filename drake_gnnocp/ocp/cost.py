@@ -18,6 +18,8 @@ from pydrake.solvers import MathematicalProgram
 from drake_gnnocp.ocp.variables import STATE_SCALE, STEP_SCALE, Variables
 from drake_gnnocp.trajectory import Trajectory
 
+IPOPT_LARGEST_GRADIENT = 100.0  # its nlp_scaling_max_gradient: larger gradients at the start make it scale the cost
+
 
 @dataclass(frozen=True)
 class CostWeights:
@@ -64,30 +66,35 @@ def evaluate_cost(trajectory: Trajectory, centroids: np.ndarray, weights: CostWe
 
 def add_cost(
     program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights
-) -> None:
-    """Add lambda1 J1 (at the guess's h where the horizon is free), lambda2 J2 and the weighted time."""
-    h = variables.fixed_step
+) -> float:
+    """Add lambda1 J1 (at the guess's h where the horizon is free), lambda2 J2 and the weighted time.
+
+    Returns:
+        What the whole cost was multiplied by, so that Ipopt does not scale it: it would scale neither the first BFGS
+        matrix nor the tolerances with it.
+    """
+    h, scale = variables.fixed_step, 1.0
+    time_weight = weights.time * (len(variables) - 1) * STEP_SCALE
+    if variables.free_horizon:
+        scale = min(1.0, IPOPT_LARGEST_GRADIENT / time_weight)
+        program.AddLinearCost(np.array([scale * time_weight]), 0.0, variables.step)
     inputs = variables.knots[1:-1, 5:].ravel()
     # diagonal by blocks: one dense matrix over all inputs would cost its square in every evaluation
     for block in np.array_split(inputs, max(1, len(inputs) // 8)):
-        hessian = 2 * weights.lambda1 * h * np.eye(len(block))
+        hessian = 2 * scale * weights.lambda1 * h * np.eye(len(block))
         program.AddQuadraticCost(hessian, np.zeros(len(block)), block, is_convex=True)
     if len(centroids) and weights.lambda2:
-        _add_proximity_cost(program, variables, centroids, weights)
-    if variables.free_horizon:
-        time_weight = weights.time * (len(variables) - 1) * STEP_SCALE
-        program.AddLinearCost(np.array([time_weight]), 0.0, variables.step)
+        _add_proximity_cost(program, variables, centroids, weights.gamma, scale * weights.lambda2 * h)
+    return scale
 
 
 def _add_proximity_cost(
-    program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights
+    program: MathematicalProgram, variables: Variables, centroids: np.ndarray, gamma: float, factor: float
 ) -> None:
-    factor = weights.lambda2 * variables.fixed_step
-
     def evaluate(x: np.ndarray) -> object:
         with_gradient = x.dtype != float
         values = ExtractValue(x).ravel() if with_gradient else x
-        value, gradient = proximity(values.reshape(-1, 2) * STATE_SCALE, centroids, weights.gamma)
+        value, gradient = proximity(values.reshape(-1, 2) * STATE_SCALE, centroids, gamma)
         total = np.array([factor * value.sum()])
         if not with_gradient:
             return float(total[0])

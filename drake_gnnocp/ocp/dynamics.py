@@ -12,7 +12,7 @@ rule: linear in the knots as long as h is fixed, and then given to the solver as
 from __future__ import annotations
 
 import numpy as np
-from pydrake.solvers import MathematicalProgram
+from pydrake.solvers import LinearEqualityConstraint, MathematicalProgram
 
 from drake_gnnocp.ocp.variables import KNOT_SCALE, N_KNOT, STATE_SCALE, STEP_SCALE, Variables, add_block
 from drake_gnnocp.vehicle import Vehicle
@@ -104,11 +104,13 @@ def add_dynamics(program: MathematicalProgram, variables: Variables, vehicle: Ve
 def _add_trapezoid_rule(program: MathematicalProgram, variables: Variables) -> None:
     """v_{k+1} - v_k = h (a_k + a_{k+1}) / 2 and phi likewise, for a fixed h."""
     half = variables.fixed_step / 2 / STATE_SCALE
-    for k in range(len(variables) - 1):
-        for state, rate in ((V, A), (PHI, W)):
-            (s0, u0), (s1, u1) = variables.knots[k, [state, rate]], variables.knots[k + 1, [state, rate]]
-            row = program.AddLinearEqualityConstraint([[-1, 1, -half, -half]], [0.0], [s0, s1, u0, u1])
-            row.evaluator().set_description(f"{'v' if state == V else 'phi'} of interval {k}")
+    # one evaluator for all rows: making one takes pydrake a search for scipy
+    row = LinearEqualityConstraint(np.array([[-1.0, 1.0, -half, -half]]), np.zeros(1))
+    row.set_description("trapezoid rule")
+    for state, rate in ((V, A), (PHI, W)):
+        x, u = variables.knots[:, state], variables.knots[:, rate]
+        for k in range(len(variables) - 1):
+            program.AddConstraint(row, np.array([x[k], x[k + 1], u[k], u[k + 1]]))
 
 
 def _add_block_of_defects(

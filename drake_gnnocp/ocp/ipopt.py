@@ -28,7 +28,7 @@ class IpoptOptions:
     complementarity: float = 1e-2  # largest complementarity accepted
     objective_change: float = 1e-3  # relative, of the last iterations: stop when the cost has settled
     settled_iterations: int = 2  # iterations the above must hold
-    max_iterations: int = 500
+    max_iterations: int = 200
     history: int = 6  # pairs of the limited-memory BFGS
 
 

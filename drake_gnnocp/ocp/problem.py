@@ -23,11 +23,14 @@ class ProblemOptions:
 
     weights: CostWeights = field(default_factory=CostWeights)
     margin: float = 0.1  # m, clearance asked of the triangle areas at the knots
+    least_margin: float = 0.02  # m, asked even where the guess is nearer
+    guess_share: float = 0.9  # of the guess's clearance: in between, no row asks for more
     bounds_margin: float = 0.02  # m, clearance asked of the bounds at the knots
     limits_margin: float = 0.0  # relative, of the vehicle's limits at the knots (v and phi can peak in between)
     near: float = 2.5  # m, rows farther from their obstacle at the guess are left out
     tube: float = 2.0  # m, poses stay this near the guess's
     tube_heading: float = 0.8  # rad
+    goal_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad: aimed beside the goal to end at it
     free_horizon: bool = False  # whether the duration is a decision variable
 
 
@@ -38,6 +41,7 @@ class Problem:
     program: MathematicalProgram
     variables: Variables
     guess: np.ndarray  # values of all decision variables
+    hessian: float  # the cost's second derivative with respect to an input
     n_rows: int  # scalar constraints, bounds on variables aside
 
 
@@ -61,23 +65,25 @@ def build(
     add_limits(program, variables, vehicle, options.limits_margin)
     if not options.free_horizon:
         add_tube(program, variables, poses, np.array([options.tube, options.tube, options.tube_heading]))
-    add_ends(program, variables, scenario.start, scenario.goal + [0.0, 0.0, turns])
+    add_ends(program, variables, scenario.start, scenario.goal + options.goal_offset + [0.0, 0.0, turns])
     add_dynamics(program, variables, vehicle)
     rows = near_rows(poses, scenario.convex_obstacles, vehicle, options.near)
-    add_triangle_areas(program, variables, rows, options.margin)
+    margins = np.clip(options.guess_share * rows.distance, min(options.least_margin, options.margin), options.margin)
+    add_triangle_areas(program, variables, rows, margins)
     if scenario.bounds is not None:
         add_workspace(program, variables, vehicle, scenario.bounds, poses, options.near, options.bounds_margin)
     for pair in separations:
         add_separating_line(program, variables, vehicle, pair, poses[pair.interval : pair.interval + 2])
-    centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
-    add_cost(program, variables, centroids, options.weights)
+    scale = add_cost(program, variables, scenario.centroids, options.weights)
 
     program.SetInitialGuess(variables.knots, np.hstack([guess.states, guess.inputs]) / KNOT_SCALE)
     if options.free_horizon:
-        program.AddBoundingBoxConstraint(0.1 * h / STEP_SCALE, 3 * h / STEP_SCALE, variables.step)
+        limits = program.AddBoundingBoxConstraint(0.1 * h / STEP_SCALE, 3 * h / STEP_SCALE, variables.step)
+        limits.evaluator().set_description("time step")
         program.SetInitialGuess(variables.step, [h / STEP_SCALE])
     n_rows = sum(binding.evaluator().num_constraints() for binding in program.GetAllConstraints())
-    return Problem(program, variables, program.initial_guess(), n_rows)
+    hessian = 2 * options.weights.lambda1 * h * scale
+    return Problem(program, variables, program.initial_guess(), hessian, n_rows)
 
 
 def unpack(problem: Problem, program_values: np.ndarray) -> Trajectory:

@@ -3,6 +3,9 @@
 Triangle areas hold at the knots only, have no gradient inside a polygon, and miss edges that cross without a vertex
 inside. So every converged plan is verified densely; every (interval, convex obstacle) that came too close gets a swept
 separating line, the rows near the trajectory are chosen anew, and the program is solved again from where it stopped.
+What else the check found is answered in kind: collocation's cubics end a little beside the goal when the knots are far
+apart, so the next solve aims as much to the other side; v and phi can exceed their limits between knots, so the knots
+get a margin.
 """
 
 from __future__ import annotations
@@ -12,18 +15,19 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import shapely
 
 from drake_gnnocp.ocp.cost import Cost, evaluate_cost
-from drake_gnnocp.ocp.ipopt import IpoptOptions, Solution, solve
+from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
+from drake_gnnocp.ocp.pairs import Pair, close_pairs, overlapping_pairs
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
-from drake_gnnocp.ocp.separating_line import Separation, best_normal
+from drake_gnnocp.ocp.separating_line import Separation
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import (
-    CHECK_STEP,
     HEADING_TOLERANCE,
     POSITION_TOLERANCE,
+    DrivenMotion,
     Verification,
     drive,
     min_clearance,
@@ -42,17 +46,22 @@ class RefineOptions:
     deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
     guarded: float = 0.5  # m, pairs nearer than this at the start get a line after a solve that failed
     max_rounds: int = 8  # refinements after the first solve
-    end_share: float = 0.4  # of the clearance of start and goal: no margin asks for more
+    end_share: float = 0.4  # of the clearance of start and goal: no line or least margin asks for more
+    bounds_step: float = 0.005  # m, margin added to what the bounds were exceeded by
+    limits_step: float = 0.002  # relative, added to what v or phi were exceeded by
+    reserve: float = 0.2  # s, kept from the budget for the check after a solve
 
 
-@dataclass
+@dataclass(frozen=True)
 class Round:
     """One solve of the loop."""
 
-    build_seconds: float
-    solve_seconds: float
+    build_seconds: float  # s
+    solve_seconds: float  # s
     iterations: int
-    status: str
+    success: bool  # Ipopt's word
+    status: str  # Ipopt's
+    violated: tuple[str, ...]  # descriptions of the constraints that did not hold
     rows: int
     lines: int
     verification: Verification
@@ -69,9 +78,7 @@ class Optimised:
     reason: str  # empty when verified, else why not
 
 
-def optimise(
-    scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float = math.inf
-) -> Optimised:
+def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float = math.inf) -> Optimised:
     """Optimise a guess until the plan is verified, the rounds are used up, or the deadline passes.
 
     Args:
@@ -81,85 +88,104 @@ def optimise(
         deadline: instant of `time.monotonic()` [s].
     """
     options = _fitted_to_ends(scenario, options)
-    gaps = {pair: options.gap for pair in _overlapping(scenario, guess)}
+    gaps = {pair: options.gap for pair in overlapping_pairs(scenario, guess)}
     rounds: list[Round] = []
-    start, best = guess, None
-    while len(rounds) <= options.max_rounds and time.monotonic() < deadline:
-        found, success, report = _solve_once(scenario, start, gaps, options, deadline)
+    start = guess
+    best: tuple[Trajectory, Verification | None] = (guess, None)
+    while len(rounds) <= options.max_rounds and time.monotonic() < deadline - options.reserve:
+        found, report = _solve_once(scenario, start, gaps, options, deadline - options.reserve)
         rounds.append(report)
-        if best is None or _badness(report.verification) < _badness(best[1]):
+        if best[1] is None or badness(report.verification) < badness(best[1]):
             best = (found, report.verification)
-        if report.verification.verified:
+        if report.verification.verified or time.monotonic() >= deadline - options.reserve:
             break
-        if success:
-            close = _close_pairs(scenario, found, options.threshold)
+        if report.success:
+            close = close_pairs(scenario, found, options.threshold)
             start = found if min(close.values(), default=0.0) > -options.deep else start
+            options = _answered(scenario, found, options)
         else:  # what it left behind tells nothing: guard everything that is near the start
-            close = _close_pairs(scenario, start, options.guarded)
+            close = close_pairs(scenario, start, options.guarded)
         _add_lines(gaps, close, options)
-        options = _tightened(report.verification, options)
-    if best is None:
-        best = (guess, verify(scenario, guess))
-    centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
-    cost = evaluate_cost(best[0], centroids, options.problem.weights)
-    return Optimised(best[0], best[1], cost, tuple(rounds), _reason(best[1], rounds, deadline))
+    trajectory, check = best
+    check = check or verify(scenario, trajectory)
+    cost = evaluate_cost(trajectory, scenario.centroids, options.problem.weights)
+    return Optimised(trajectory, check, cost, tuple(rounds), _reason(check, rounds, deadline - options.reserve))
+
+
+def badness(check: Verification) -> tuple[int, float, float]:
+    """Order of plans: fewer faults first, then clearance, then the error at the goal."""
+    return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
 
 
 def _solve_once(
-    scenario: Scenario,
-    start: Trajectory,
-    gaps: dict[tuple[int, int], float],
-    options: RefineOptions,
-    deadline: float,
-) -> tuple[Trajectory, bool, Round]:
+    scenario: Scenario, start: Trajectory, gaps: dict[Pair, float], options: RefineOptions, deadline: float
+) -> tuple[Trajectory, Round]:
     begin = time.perf_counter()
     separations = [Separation(k, scenario.convex_obstacles[j], gap) for (k, j), gap in sorted(gaps.items())]
     problem = build(scenario, start, separations, options.problem)
     build_seconds = time.perf_counter() - begin
-    hessian = 2 * options.problem.weights.lambda1 * problem.variables.fixed_step
     left = min(deadline - time.monotonic(), 1e6)
-    solution: Solution = solve(problem.program, problem.guess, hessian, left, options.ipopt)
+    solution = solve(problem.program, problem.guess, problem.hessian, left, options.ipopt)
     trajectory = unpack(problem, solution.program_values)
-    check = verify(scenario, trajectory)
-    report = Round(
-        build_seconds, solution.seconds, solution.iterations, solution.status, problem.n_rows, len(gaps), check
+    return trajectory, Round(
+        build_seconds,
+        solution.seconds,
+        solution.iterations,
+        solution.success,
+        solution.status,
+        solution.violated,
+        problem.n_rows,
+        len(gaps),
+        verify(scenario, trajectory),
     )
-    return trajectory, solution.success, report
 
 
 def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions:
-    """Margins no larger than what start and goal allow."""
+    """Gaps and margins no larger than what start and goal allow."""
     ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
     allowed = options.end_share * min_clearance(scenario, ends)
-    bounds_margin = options.problem.bounds_margin
-    if scenario.bounds is not None:
-        xmin, xmax, ymin, ymax = scenario.bounds
-        (left, low), (right, high) = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
-        to_bounds = max(0.0, min(left - xmin, xmax - right, low - ymin, ymax - high))
-        bounds_margin = min(bounds_margin, options.end_share * to_bounds)
-    problem = replace(options.problem, margin=min(options.problem.margin, allowed), bounds_margin=bounds_margin)
-    return replace(
-        options, problem=problem, gap=min(options.gap, allowed), threshold=min(options.threshold, allowed)
+    inside = options.end_share * max(0.0, -_beyond_bounds(scenario, ends))
+    problem = replace(
+        options.problem,
+        least_margin=min(options.problem.least_margin, allowed),
+        bounds_margin=min(options.problem.bounds_margin, inside),
     )
+    return replace(options, problem=problem, gap=min(options.gap, allowed), threshold=min(options.threshold, allowed))
 
 
-def _overlapping(scenario: Scenario, guess: Trajectory) -> list[tuple[int, int]]:
-    """(interval, convex obstacle) pairs whose obstacle the guess touches between or at the knots."""
-    footprints = scenario.vehicle.footprints(guess.poses)
-    hulls = shapely.convex_hull(shapely.multipoints(np.concatenate([footprints[:-1], footprints[1:]], axis=1)))
-    return sorted(set(zip(*_pairs_within(scenario, hulls, 0.0), strict=True)))
+def _answered(scenario: Scenario, found: Trajectory, options: RefineOptions) -> RefineOptions:
+    """Ask for what the check missed in a converged plan."""
+    motion = drive(scenario.start, found, scenario.vehicle)
+    problem = options.problem
+    beyond = _beyond_bounds(scenario, scenario.vehicle.footprints(motion.states[:, :3]))
+    if beyond > 0:
+        problem = replace(problem, bounds_margin=problem.bounds_margin + beyond + options.bounds_step)
+    excess = _beyond_limits(scenario, motion)
+    if excess > 0:
+        problem = replace(problem, limits_margin=min(0.5, problem.limits_margin + excess + options.limits_step))
+    error = motion.states[-1, :3] - found.poses[-1] + problem.goal_offset
+    if np.abs(error[:2]).max() > POSITION_TOLERANCE / 2 or abs(error[2]) > HEADING_TOLERANCE / 2:
+        x, y, theta = np.array(problem.goal_offset) - error
+        problem = replace(problem, goal_offset=(float(x), float(y), float(theta)))
+    return replace(options, problem=problem)
 
 
-def _pairs_within(scenario: Scenario, shapes: np.ndarray, distance: float) -> tuple[list[int], list[int]]:
-    """Indices (shapes, convex obstacles) of the pairs within a distance [m]."""
-    if not scenario.convex_obstacles:
-        return [], []
-    tree = shapely.STRtree([shapely.Polygon(ring) for ring in scenario.convex_obstacles])
-    which, obstacle = tree.query(shapes, predicate="dwithin", distance=distance)
-    return which.tolist(), obstacle.tolist()
+def _beyond_bounds(scenario: Scenario, footprints: np.ndarray) -> float:
+    """How far footprints (N, 4, 2) reach beyond the bounds; negative inside, -inf without bounds [m]."""
+    if scenario.bounds is None:
+        return -math.inf
+    xmin, xmax, ymin, ymax = scenario.bounds
+    (left, low), (right, high) = footprints.min(axis=(0, 1)), footprints.max(axis=(0, 1))
+    return float(max(xmin - left, right - xmax, ymin - low, high - ymax))
 
 
-def _add_lines(gaps: dict[tuple[int, int], float], close: dict[tuple[int, int], float], options: RefineOptions) -> None:
+def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
+    """How far v or phi exceed their limits anywhere, relative to them; negative when they do not."""
+    v, phi = np.abs(motion.states[:, [State.V, State.PHI]]).max(axis=0)
+    return float(max(v / scenario.vehicle.v_max, phi / scenario.vehicle.phi_max)) - 1.0
+
+
+def _add_lines(gaps: dict[Pair, float], close: dict[Pair, float], options: RefineOptions) -> None:
     """Give the pairs that came too close a line, or a wider gap where they had one."""
     for pair, distance in close.items():
         if pair not in gaps:
@@ -168,48 +194,12 @@ def _add_lines(gaps: dict[tuple[int, int], float], close: dict[tuple[int, int], 
             gaps[pair] += min(options.threshold - distance, options.threshold)
 
 
-def _tightened(check: Verification, options: RefineOptions) -> RefineOptions:
-    """Ask for a little more of what failed."""
-    problem, ipopt = options.problem, options.ipopt
-    if not check.bounds_ok:
-        problem = replace(problem, bounds_margin=problem.bounds_margin + 0.02)
-    if not check.limits_ok:
-        problem = replace(problem, limits_margin=problem.limits_margin + 0.005)
-    if check.terminal_position_error_m > POSITION_TOLERANCE or check.terminal_heading_error_rad > HEADING_TOLERANCE:
-        ipopt = replace(ipopt, feasibility=ipopt.feasibility / 10)
-    return replace(options, problem=problem, ipopt=ipopt)
-
-
-def _close_pairs(scenario: Scenario, trajectory: Trajectory, threshold: float) -> dict[tuple[int, int], float]:
-    """Distance of every (interval, convex obstacle) that the driven car passes nearer than the threshold [m].
-
-    Overlaps count as negative distances.
-    """
-    motion = drive(scenario.start, trajectory, scenario.vehicle)
-    corners = scenario.vehicle.footprints(motion.states[::CHECK_STEP, :3])
-    footprints = shapely.polygons(corners)
-    rings = [shapely.Polygon(ring) for ring in scenario.convex_obstacles]
-    samples, obstacles = _pairs_within(scenario, footprints, threshold)
-    intervals = np.minimum(np.array(samples) * CHECK_STEP // motion.steps_per_interval, len(trajectory) - 2)
-    nearest: dict[tuple[int, int], tuple[float, int]] = {}
-    for sample, k, j in zip(samples, intervals.tolist(), obstacles, strict=True):
-        distance = float(shapely.distance(footprints[sample], rings[j]))
-        nearest[k, j] = min(nearest.get((k, j), (math.inf, 0)), (distance, sample))
-    return {
-        (k, j): distance if distance > 0 else best_normal(corners[sample], scenario.convex_obstacles[j])[2]
-        for (k, j), (distance, sample) in nearest.items()
-    }
-
-
-def _badness(check: Verification) -> tuple[int, float, float]:
-    """Order of plans: fewer faults first, then clearance, then the error at the goal."""
-    return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
-
-
 def _reason(check: Verification, rounds: list[Round], deadline: float) -> str:
     if check.verified:
         return ""
     if not rounds:
         return "out of time before the first solve"
+    last = rounds[-1]
     late = ", out of time" if time.monotonic() >= deadline else ""
-    return f"{'; '.join(check.faults)} after {len(rounds)} solves (Ipopt: {rounds[-1].status}{late})"
+    violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""
+    return f"{'; '.join(check.faults)} after {len(rounds)} solves (Ipopt: {last.status}{late}{violated})"

@@ -33,6 +33,7 @@ class Rows:
     point: np.ndarray  # (R, 2) car rows: corner in the body frame; obstacle rows: vertex in the world [m]
     ring: np.ndarray  # (R, M, 2) car rows: obstacle in the world; obstacle rows: car in the body frame [m]
     is_car: np.ndarray  # (R,) bool
+    distance: np.ndarray  # (R,) of the point from its ring at the guess, 0 inside [m]
     length: np.ndarray  # (R,) what the excess area is divided by [m]
 
     def __len__(self) -> int:
@@ -40,7 +41,7 @@ class Rows:
 
     def subset(self, which: np.ndarray) -> Rows:
         """Some of the rows."""
-        return Rows(self.knot[which], self.point[which], self.ring[which], self.is_car[which], self.length[which])
+        return Rows(*(getattr(self, field.name)[which] for field in fields(Rows)))
 
 
 def excess_area(points: np.ndarray, rings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -142,6 +143,7 @@ def _candidates(knots: np.ndarray, points: np.ndarray, ring: np.ndarray, is_car:
         np.tile(points, (len(knots), 1)),
         np.broadcast_to(ring, (n, *ring.shape)),
         np.full(n, is_car),
+        np.zeros(n),
         np.ones(n),
     )
 
@@ -156,7 +158,7 @@ def _nearest(rows: Rows, poses: np.ndarray, near: float) -> Rows:
     by_knot = distance.reshape(len(np.unique(rows.knot)), -1)
     nth = np.sort(by_knot, axis=1)[:, [min(POINTS_PER_PAIR, by_knot.shape[1]) - 1]]
     keep = np.flatnonzero((by_knot <= nth) & (by_knot < near))
-    return replace(rows, length=np.maximum(length, SHORTEST)).subset(keep)
+    return replace(rows, distance=distance, length=np.maximum(length, SHORTEST)).subset(keep)
 
 
 def _padded(ring: np.ndarray, n: int) -> np.ndarray:
@@ -164,15 +166,15 @@ def _padded(ring: np.ndarray, n: int) -> np.ndarray:
     return np.concatenate([ring, np.repeat(ring[-1:], n - len(ring), axis=0)])
 
 
-def add_triangle_areas(program: MathematicalProgram, variables: Variables, rows: Rows, margin: float) -> None:
-    """Require excess / length >= margin [m] of every row."""
+def add_triangle_areas(program: MathematicalProgram, variables: Variables, rows: Rows, margins: np.ndarray) -> None:
+    """Require excess / length >= margin of every row, margins (R,) [m]."""
     for first in range(0, len(variables), KNOTS_PER_BLOCK):
-        in_block = (rows.knot >= first) & (rows.knot < first + KNOTS_PER_BLOCK)
-        if np.any(in_block):
-            _add_block_of_rows(program, variables, rows.subset(np.flatnonzero(in_block)), margin)
+        in_block = np.flatnonzero((rows.knot >= first) & (rows.knot < first + KNOTS_PER_BLOCK))
+        if len(in_block):
+            _add_block_of_rows(program, variables, rows.subset(in_block), margins[in_block])
 
 
-def _add_block_of_rows(program: MathematicalProgram, variables: Variables, rows: Rows, margin: float) -> None:
+def _add_block_of_rows(program: MathematicalProgram, variables: Variables, rows: Rows, margins: np.ndarray) -> None:
     knots, position = np.unique(rows.knot, return_inverse=True)
     scale = STATE_SCALE / rows.length[:, None]
 
@@ -183,6 +185,7 @@ def _add_block_of_rows(program: MathematicalProgram, variables: Variables, rows:
 
     row = np.repeat(np.arange(len(rows)), 3)
     column = (3 * position[:, None] + np.arange(3)).ravel()
-    lower, upper = np.full(len(rows), margin), np.full(len(rows), np.inf)
+    upper = np.full(len(rows), np.inf)
     block = variables.knots[knots, :3].ravel()
-    add_block(program, evaluate, lower, upper, block, row, column, f"triangle areas at knots {knots[0]} to {knots[-1]}")
+    name = f"triangle areas at knots {knots[0]} to {knots[-1]}"
+    add_block(program, evaluate, margins, upper, block, row, column, name)
