@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.geometry import convex_parts, polygons_of
+from drake_gnnocp.text_files import parse_json, read_text
 from drake_gnnocp.tpcap import parse_tpcap
 from drake_gnnocp.trajectory import write_atomically
 from drake_gnnocp.vehicle import Vehicle
@@ -34,8 +35,11 @@ class ScenarioError(ValueError):
 class Scenario:
     """One planning task. Coordinates in m, headings in rad; poses are those of the middle of the rear axle.
 
+    Start, goal, rings and bounds may be given as lists; they are kept as arrays of doubles (the bounds as a tuple).
+
     Raises:
-        ScenarioError: a polygon is not simple, or the car at start or goal collides or leaves the bounds.
+        ScenarioError: a value is not of numbers, a polygon is not simple, or the car at start or goal collides or
+            leaves the bounds.
     """
 
     name: str
@@ -46,6 +50,7 @@ class Scenario:
     vehicle: Vehicle = field(default_factory=Vehicle)
 
     def __post_init__(self) -> None:
+        self._convert()
         for j, ring in enumerate(self.obstacles):
             try:
                 polygons_of(ring)
@@ -56,9 +61,19 @@ class Scenario:
         for which, pose in (("start", self.start), ("goal", self.goal)):
             self._check_pose(which, pose)
 
+    def _convert(self) -> None:
+        vertices, poses = "a list of vertices [x, y]", f"3 finite numbers [{POSE}]"
+        rings = tuple(_doubles(f"obstacles[{j}]", ring, vertices, (-1, 2)) for j, ring in enumerate(self.obstacles))
+        object.__setattr__(self, "obstacles", rings)
+        for which in ("start", "goal"):
+            object.__setattr__(self, which, _doubles(which, getattr(self, which), poses, (3,)))
+        if self.bounds is not None:
+            bounds = _doubles("bounds", self.bounds, f"4 numbers [{BOUNDS}]", (4,))
+            object.__setattr__(self, "bounds", tuple(bounds.tolist()))
+
     def _check_pose(self, which: str, pose: np.ndarray) -> None:
-        if np.shape(pose) != (3,) or not np.isfinite(pose).all():
-            raise ScenarioError(f"{which}: must be 3 finite numbers, not {pose}")
+        if not np.isfinite(pose).all():
+            raise ScenarioError(f"{which}: must be 3 finite numbers [{POSE}], not {pose}")
         footprint = self.vehicle.footprints(pose - np.append(pose[:2], 0.0))[0]  # in a frame that moves with the car
         if self.bounds is not None:
             low, high = np.reshape(self.bounds, (2, 2)).T - pose[:2]
@@ -116,8 +131,8 @@ class Scenario:
             known, shown_source = ", ".join(bundled_scenarios()), str(source) or "''"
             raise ScenarioError(f"{shown_source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
         try:
-            text = _read_text(path)
-            return cls.from_dict(_parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
+            text = read_text(path)
+            return cls.from_dict(parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
         except ValueError as error:
             raise ScenarioError(f"{source}: {error}") from None
 
@@ -174,37 +189,6 @@ def _bundled_folder() -> Path:
     return Path(str(resources.files("drake_gnnocp") / "scenarios"))
 
 
-def _read_text(path: Path) -> str:
-    try:
-        if path.is_dir():
-            raise ScenarioError("file: is a folder")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ScenarioError(f"file: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ScenarioError("file: is not UTF-8 text") from None
-    if not text.strip():
-        raise ScenarioError("file: is empty")
-    return text
-
-
-def _parse_json(text: str) -> Any:
-    try:
-        return json.loads(text, object_pairs_hook=_unique_keys, parse_int=float)  # int() fails on 5,000 digits
-    except json.JSONDecodeError as error:
-        raise ScenarioError(f"line {error.lineno}, column {error.colno}: is not JSON: {error.msg}") from None
-    except RecursionError:
-        raise ScenarioError("file: is nested too deeply") from None
-
-
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    data = dict(pairs)
-    if len(data) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ScenarioError(f"{next(key for key in keys if keys.count(key) > 1)}: appears twice")
-    return data
-
-
 def _name(value: Any) -> str:
     # the name becomes a folder under artifacts/plans
     if not isinstance(value, str) or not value.strip(" ."):
@@ -226,6 +210,17 @@ def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
         if not abs(number) <= LARGEST:  # NaN as well
             raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
     return np.array(value, dtype=float)
+
+
+def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Doubles of a shape, in which -1 stands for any number."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):  # texts, or rows of different lengths
+        array = np.empty(())
+    if array.ndim != len(shape) or any(n not in (-1, size) for n, size in zip(shape, array.shape, strict=True)):
+        raise ScenarioError(f"{what}: must be {meaning}, not {shown(value)}")
+    return array
 
 
 def _rings(value: Any) -> tuple[np.ndarray, ...]:

@@ -13,13 +13,15 @@ import shapely
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.heuristic import CostToGo
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search, search_region
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.reeds_shepp import path_length
+from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.vehicle import Vehicle
 
 DENSE = 0.05  # m, spacing of the independent check
 ROUNDING = 1e-9  # m and rad, of integrating some hundred arcs
+DETOUR_SECONDS = 30.0  # they took 1 to 6 s, on a busy machine perhaps some times that
 LATE = 0.15  # s, 50 ms and what a busy machine adds
 TPCAP = Path("/work/shared/scenarios/tpcap")
 
@@ -171,11 +173,37 @@ def test_deadline_is_kept() -> None:
 GATE_TOO_NARROW = (box(0.0, 10.94, 0.5, 20.0), box(0.0, -10.94, 0.5, 20.0))  # 1.88 m
 
 
-def test_far_obstacle_does_not_enlarge_the_search() -> None:
+def test_far_obstacle_does_not_enlarge_what_is_searched_first() -> None:
     near, far = scenario((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)), box(5000.0, 0.0, 1.0, 1.0)
-    region = search_region(scenario((0.0, 0.0, 0.0), (9.0, 0.0, 0.0), far))
+    region, larger = search_regions(scenario((0.0, 0.0, 0.0), (9.0, 0.0, 0.0), far))
     assert region[1] - region[0] < 100.0
-    assert search_region(near)[1] <= region[1]
+    assert larger[1] - larger[0] < 1000.0
+    assert len(search_regions(near)) == 1
+    assert search_regions(near)[0][1] <= region[1]
+
+
+@pytest.mark.parametrize("bounds", [None, (-90.0, 90.0, -90.0, 90.0), (-75.0, 90.0, -15.0, 15.0)])
+def test_a_long_way_around_is_found(bounds: tuple[float, float, float, float] | None) -> None:
+    wall = box(0.0, 0.0, 120.0, 0.4)
+    task = scenario((0.0, -5.0, 0.0), (0.0, 5.0, 0.0), wall, bounds=bounds)
+    assert_sound(task, search(task, deadline=time.monotonic() + DETOUR_SECONDS))
+
+
+def test_a_car_too_wide_for_the_near_gate_takes_the_far_way() -> None:
+    task = scenario((-10.0, 0.0, 0.0), (10.0, 0.0, 0.0), box(0.0, 20.94, 0.5, 40.0), box(0.0, -20.94, 0.5, 40.0))
+    path = assert_sound(task, search(task, deadline=time.monotonic() + DETOUR_SECONDS))
+    assert np.abs(path.poses[:, 1]).max() > 40.0
+
+
+@pytest.mark.parametrize("bounds", [None, (-90.0, 90.0, -90.0, 90.0)])
+def test_no_way_on_a_large_map_is_soon_said(bounds: tuple[float, float, float, float] | None) -> None:
+    ring = (box(0.0, 5.0, 16.0, 0.3), box(0.0, -5.0, 16.0, 0.3), box(8.0, 0.0, 0.3, 10.3), box(-8.0, 0.0, 0.3, 10.3))
+    far, across = box(5000.0, 0.0, 1.0, 1.0), box(0.0, 0.0, 180.0, 0.4)
+    for start, goal in (((20.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (20.0, 0.0, 0.0))):
+        assert search(scenario(start, goal, *ring, far, bounds=bounds)).expansions == 0
+    if bounds is not None:
+        shut = search(scenario((0.0, -5.0, 0.0), (0.0, 5.0, 0.0), across, bounds=bounds))
+        assert (shut.status, shut.expansions) == ("no path", 0)
 
 
 def test_cost_to_go_is_the_distance_in_the_open_and_infinite_behind_walls() -> None:

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,13 @@ import pytest
 
 import drake_gnnocp
 from drake_gnnocp import Scenario, Trajectory, Vehicle, plan
+from drake_gnnocp.ocp.cost import Cost
+from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round
+from drake_gnnocp.plan import __main__ as command_line
+from drake_gnnocp.plan import planner
 from drake_gnnocp.plan.__main__ import main
 from drake_gnnocp.plan.guess import GuessUnavailable
+from drake_gnnocp.plan.result import OUT_OF_TIME
 from drake_gnnocp.scenario import bundled_scenarios
 from drake_gnnocp.verification import verify
 
@@ -76,18 +82,20 @@ def test_no_verified_plan_exits_3_and_says_why(
     assert main([str(path), "--out", str(tmp_path / "out"), "--max-seconds", "3"]) == 3
     assert time.monotonic() - begin < 3 + 2 * BUDGET_OVERRUN  # pictures as well
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["status"] == "failed"
+    assert result["status"] == "unverified"
+    assert [attempt["guess"] for attempt in result["attempts"]] == ["hybrid_astar", "straight"]
     assert all(attempt["reason"] and not attempt["verified"] for attempt in result["attempts"])
-    assert "failed" in capsys.readouterr().out
-    assert (tmp_path / "out" / "plan.png").exists()
+    assert "unverified" in capsys.readouterr().out
+    for name in ("trajectory.csv", "plan.png", "states.png", "replay.html"):
+        assert (tmp_path / "out" / name).exists()
 
 
-def test_a_failed_run_leaves_nothing_of_an_older_plan(tmp_path: Path, walled_in: dict[str, object]) -> None:
+def test_a_run_that_solved_nothing_writes_its_guess_and_leaves_no_pictures_of_an_older_plan(tmp_path: Path) -> None:
     assert main(["empty_field", "--out", str(tmp_path)]) == 0
-    path = tmp_path / "walled_in.json"
-    path.write_text(json.dumps(walled_in))
-    assert main([str(path), "--out", str(tmp_path), "--max-seconds", "2"]) == 3
-    for name in ("trajectory.csv", "guess.csv", "states.png", "replay.html"):
+    assert main(["empty_field", "--out", str(tmp_path), "--max-seconds", "0.001"]) == 3
+    assert json.loads((tmp_path / "result.json").read_text())["status"] == "failed"
+    assert (tmp_path / "trajectory.csv").read_text() == (tmp_path / "guess.csv").read_text()
+    for name in ("states.png", "replay.html"):
         assert not (tmp_path / name).exists()
 
 
@@ -121,10 +129,94 @@ def test_a_constant_horizon_is_kept(seconds: float) -> None:
     assert result.trajectory.duration == pytest.approx(seconds)
 
 
-def test_a_horizon_too_short_for_the_limits_is_not_verified() -> None:
-    result = plan(Scenario.load("empty_field"), horizon=3.0, max_seconds=5.0)
+def test_a_horizon_the_path_is_too_long_for_is_refused_without_a_solve() -> None:
+    result = plan(Scenario.load("empty_field"), horizon=3.0)
+    (attempt,) = result.attempts
+    assert result.status == "failed" and not attempt.verified
+    assert "at v_max" in attempt.reason and attempt.solver_status == ""
+    assert result.trajectory is None and result.guess is not None
+    assert result.total_seconds < BUDGET_OVERRUN
+
+
+def test_a_horizon_a_little_too_short_is_tried_once() -> None:
+    scenario = Scenario("sprint", np.zeros(3), np.array([10.0, 0.0, 0.0]))  # 10 m take 5.25 s from rest to rest
+    result = plan(scenario, horizon=4.5, max_seconds=3.0)
     assert result.status == "unverified"
-    assert all(attempt.reason for attempt in result.attempts)
+    assert len(result.attempts) == 1 and result.attempts[0].reason and result.attempts[0].solver_status
+
+
+def test_a_first_attempt_leaves_time_for_the_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    budget, shares = 20.0, []
+
+    def nothing_found(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> Optimised:
+        shares.append((deadline - time.monotonic()) / budget)
+        check, cost = verify(scenario, guess), Cost(0.0, 0.0, 0.0)
+        assert not check.verified
+        solve = Round(0.0, 0.0, 1, False, "Wall time exceeded", (), 0, 0, check)
+        return Optimised(guess, check, cost, (solve,), "nothing found")
+
+    monkeypatch.setattr(planner, "optimise", nothing_found)
+    plan(Scenario.load("empty_field"), max_seconds=budget)
+    plan(Scenario.load("empty_field"), "straight", max_seconds=budget)
+    first, second, only = shares
+    assert 0.3 < first <= 0.5
+    assert min(second, only) > 0.8  # the machine may be busy; the solver took no time
+
+
+def test_a_guess_that_was_never_optimised_is_failed_even_where_it_would_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_late(scenario: Scenario, guess: Trajectory, _options: RefineOptions, _deadline: float) -> Optimised:
+        check = verify(scenario, guess)
+        assert check.verified  # of a car that stays
+        return Optimised(guess, check, Cost(0.0, 0.0, 0.0), (), "")
+
+    monkeypatch.setattr(planner, "optimise", too_late)
+    pose = np.array([1.0, 2.0, 0.5])
+    result = plan(Scenario("stay", pose, pose))
+    assert result.status == "failed" and result.trajectory is None and result.guess is not None
+    assert all(attempt.reason and not attempt.verified for attempt in result.attempts)
+    result.save(tmp_path)
+    names = {"scenario.json", "trajectory.csv", "guess.csv", "result.json"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert json.loads((tmp_path / "result.json").read_text())["attempts"][0]["cost"] is None
+
+
+def test_the_picture_of_an_unsolved_plan_shows_a_guess_and_no_optimised_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    monkeypatch.setattr(command_line, "save_plan_picture", lambda *given: drawn.append(given[2:4]))
+    assert main(["empty_field", "--horizon", "3", "--out", str(tmp_path)]) == 3
+    ((trajectory, guess),) = drawn
+    assert trajectory is None and guess is not None
+    assert not (tmp_path / "states.png").exists() and not (tmp_path / "replay.html").exists()
+
+
+@pytest.mark.parametrize("status", ["Wall time exceeded", "Success"])
+def test_a_verified_plan_cut_by_the_budget_is_said_to_be(
+    status: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = plan(Scenario.load("empty_field"))
+    made = replace(made, attempts=(replace(made.attempts[-1], solver_status=status),))
+    monkeypatch.setattr(command_line, "plan", lambda *_: made)
+    assert main(["empty_field", "--no-pictures", "--out", str(tmp_path)]) == 0
+    cut = "stopped by the budget: not yet at its optimum" in capsys.readouterr().out
+    assert cut == (status == "Wall time exceeded")
+
+
+def test_ipopt_says_that_its_time_is_over_in_the_words_the_plan_looks_for() -> None:
+    scenario = Scenario.load("crowded_yard")
+    result = plan(scenario, "straight", max_seconds=0.7)  # far from enough for a guess through obstacles
+    assert not result.attempts[-1].solver_status or result.attempts[-1].solver_status == OUT_OF_TIME
+
+
+def test_warnings_of_drake_do_not_reach_the_user(tmp_path: Path) -> None:
+    code = "import logging, sys; from drake_gnnocp.plan.__main__ import main; main(sys.argv[1:])"
+    code += "; logging.getLogger('drake').warning('IPOPT terminated')"
+    command = [sys.executable, "-c", code, "--list"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stderr == ""
 
 
 def test_start_equal_to_goal_is_a_plan_that_stays() -> None:

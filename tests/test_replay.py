@@ -51,7 +51,11 @@ def test_replay_holds_the_animation_and_its_controls(replay: str, tmp_path: Path
     still = (tmp_path / "still.html").read_text(encoding="utf-8")
     seconds, tracks, least_key = 6, 7, 40  # 7 moving parts at 30 Hz, at least 40 bytes a key frame
     assert len(replay) - len(still) > 30 * seconds * tracks * least_key
-    assert "viewer.gui?.open()" in replay and "viewer.gui?.open()" not in still
+    assert "viewer.gui.open()" in replay and "viewer.gui.open()" not in still
+
+
+def test_replay_puts_its_controls_beside_the_scene(replay: str) -> None:
+    assert 'viewer.dom_element.style.width = "calc(100% - 200px)"' in replay and "viewer.gui.width = 200" in replay
 
 
 def test_replay_works_without_obstacles(tmp_path: Path) -> None:

@@ -45,6 +45,31 @@ def test_a_file_gives_back_the_scenario_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.obstacles[1], NOTCHED)
 
 
+def test_lists_and_integers_are_as_good_as_arrays(tmp_path: Path) -> None:
+    given = Scenario("lists", [0, 0, 0], [12, 1, 7], [TRIANGLE], [-5, 30, -6, 31])  # type: ignore[arg-type]
+    given.save(tmp_path / "lists.json")
+    read = Scenario.load(tmp_path / "lists.json")
+    assert read.to_dict() == given.to_dict()
+    assert given.start.dtype == given.obstacles[0].dtype == float and isinstance(given.bounds, tuple)
+    assert given.translated(1.0, 2.0).start.tolist() == [1.0, 2.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"start": ["a", 0, 0]}, "start"),
+        ({"goal": None}, "goal"),
+        ({"obstacles": [[[8, 8], [9]]]}, r"obstacles\[0\]"),
+        ({"obstacles": [[8, 8, 9]]}, r"obstacles\[0\]"),
+        ({"bounds": [0, 1, 2]}, "bounds"),
+    ],
+)
+def test_what_is_not_of_numbers_is_refused_by_name(changes: dict[str, Any], field: str) -> None:
+    given = {"name": "task", "start": [0, 0, 0], "goal": [12, 1, 7], **changes}
+    with pytest.raises(ScenarioError, match=f"^{field}: must be"):
+        Scenario(**given)
+
+
 def test_bounds_and_vehicle_may_be_left_out_or_null() -> None:
     for data in (task(), task(bounds=None, vehicle=None)):
         scenario = Scenario.from_dict(data)

@@ -81,7 +81,8 @@ def build(
         limits = program.AddBoundingBoxConstraint(0.1 * h / STEP_SCALE, 3 * h / STEP_SCALE, variables.step)
         limits.evaluator().set_description("time step")
         program.SetInitialGuess(variables.step, [h / STEP_SCALE])
-    n_rows = sum(binding.evaluator().num_constraints() for binding in program.GetAllConstraints())
+    constraints = [*program.generic_constraints(), *program.linear_equality_constraints()]
+    n_rows = sum(binding.evaluator().num_constraints() for binding in constraints)
     hessian = 2 * options.weights.lambda1 * h * scale
     return Problem(program, variables, program.initial_guess(), hessian, n_rows)
 

@@ -36,6 +36,7 @@ GRID = 5.0  # m, between the lines on the ground
 FIELD_OF_VIEW = 35.0  # degree, of the camera, upright
 ELEVATION = math.radians(58.0)  # of the camera above the ground
 ASPECT = 1.4  # width over height of the window the camera is set for: a narrow one; wider windows show more
+PANEL_WIDTH = 200  # pixels, of the controls
 SUN = np.array([-0.5, -0.35, 1.0])  # the direction the light comes from
 
 GROUND = Rgba(0.88, 0.88, 0.87)
@@ -46,9 +47,25 @@ PATH = Rgba(0.0, 0.45, 0.70)
 START = Rgba(0.0, 0.62, 0.45)
 GOAL = Rgba(0.80, 0.40, 0.65)
 
-# the panel on the right opens with the play button and the time slider, without the long list of the scene's parts
-OPEN_CONTROLS = """<script>
-addEventListener("load", () => { viewer.gui?.__folders?.Scene?.close(); viewer.gui?.open(); });
+# The panel with the play button and the time slider opens beside the scene, not over it, without the long list of the
+# scene's parts. In windows narrower than the camera was set for, zooming out keeps the sides in view.
+OPEN_CONTROLS = f"""<script>
+addEventListener("load", () => {{
+  const fit = () => {{
+    viewer.set_3d_pane_size();
+    viewer.camera.zoom = Math.min(1, viewer.camera.aspect / {ASPECT});
+    viewer.camera.updateProjectionMatrix();
+    viewer.set_dirty?.();
+  }};
+  if (viewer.gui) {{
+    viewer.gui.__folders?.Scene?.close();
+    viewer.gui.width = {PANEL_WIDTH};
+    viewer.gui.open();
+    viewer.dom_element.style.width = "calc(100% - {PANEL_WIDTH}px)";
+  }}
+  addEventListener("resize", fit);
+  fit();
+}});
 </script>
 </body>"""
 

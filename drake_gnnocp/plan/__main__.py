@@ -72,6 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
     arguments = _parser().parse_args(argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING)
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; attempts say so
     if arguments.list:
         for name in bundled_scenarios():
             print(name)
@@ -118,6 +119,8 @@ def _summary(result: Plan) -> str:
     if result.trajectory is not None and result.cost is not None and result.verification is not None:
         clearance = result.verification.min_clearance_m
         line += f"; {result.trajectory.duration:.1f} s long, cost {result.cost.J:.2f}, clearance {clearance:.2f} m"
+    if result.cut_short:
+        line += "; stopped by the budget: not yet at its optimum"
     reasons = [f"  {a.guess}: {a.reason}" for a in result.attempts if a.reason]
     return "\n".join([line, *reasons])
 

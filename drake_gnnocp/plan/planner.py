@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from drake_gnnocp.ocp.refine import Optimised, RefineOptions, optimise
+import numpy as np
+
+from drake_gnnocp.ocp.refine import Optimised, RefineOptions, badness, optimise
 from drake_gnnocp.plan.guess import (
     Guess,
     GuessOptions,
@@ -24,6 +26,9 @@ logger = logging.getLogger(__name__)
 
 Horizon = float | str  # seconds, "guess" or "free"
 LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
+SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A*
+ROUNDING = 1e-9  # relative, of the length of a path
+TOO_LATE = "out of time before the first solve"
 
 
 @dataclass(frozen=True)
@@ -60,26 +65,14 @@ def plan(
     if not max_seconds > 0:
         raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
     begin = time.monotonic()
-    deadline = begin + max_seconds
-    options = options or PlanOptions()
-    if horizon == "free":
-        problem = replace(options.refine.problem, free_horizon=True)
-        options = replace(options, refine=replace(options.refine, problem=problem))
-
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     local = scenario.translated(-x0, -y0)
-    attempts: list[Attempt] = []
-    best: tuple[str, Trajectory, Optimised] | None = None
-    for source, make_guess, slack in _strategies(local, guess, options, deadline):
-        attempt, start, outcome = _attempt(local, source, make_guess, slack, horizon, options, deadline)
-        attempts.append(attempt)
-        logger.info("%s: %s", source, attempt.reason or "verified")
-        if start is not None and outcome is not None and (best is None or _is_better(outcome, best[2])):
-            best = (source, start, outcome)
-        if attempt.verified or time.monotonic() >= deadline:
-            break
-    seconds = time.monotonic() - begin
-    return _result(scenario, guess, best, attempts, seconds)
+    options = _with_horizon(options or PlanOptions(), horizon)
+    tried = _try_all(local, guess, horizon, options, begin + max_seconds)
+    best = _best(tried)
+    if best.start is None:  # nothing was found in time: the least there is to show
+        best = replace(best, start=straight_guess(local, options.guess).trajectory)
+    return _result(scenario, best, tried, time.monotonic() - begin)
 
 
 def check_horizon(horizon: Horizon) -> None:
@@ -89,92 +82,141 @@ def check_horizon(horizon: Horizon) -> None:
         raise ValueError(f"horizon: must be 'guess', 'free' or 0 to {LONGEST:g} seconds, not {horizon!r}")
 
 
+def _with_horizon(options: PlanOptions, horizon: Horizon) -> PlanOptions:
+    if horizon != "free":
+        return options
+    problem = replace(options.refine.problem, free_horizon=True)
+    return replace(options, refine=replace(options.refine, problem=problem))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """An attempt with what it leaves behind, near the origin."""
+
+    attempt: Attempt
+    start: Trajectory | None  # the guess the solver started from, or would have
+    outcome: Optimised | None = None  # None where nothing was solved
+
+
+@dataclass(frozen=True)
+class _Strategy:
+    """One way to try."""
+
+    source: str  # of the guess
+    make_guess: Callable[[], Guess]
+    slack: float  # duration given to the optimiser over the guess's
+    share: float = 1.0  # of the time that is left after the guess, to be used at most
+
+
+def _try_all(
+    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
+) -> list[_Tried]:
+    """Try one strategy after the other until a plan is verified or the time is over."""
+    tried = []
+    for strategy in _strategies(scenario, guess, horizon, options, deadline):
+        tried.append(_try(scenario, strategy, horizon, options, deadline))
+        attempt = tried[-1].attempt
+        logger.info("%s: %s", attempt.guess, attempt.reason or "verified")
+        if attempt.verified or time.monotonic() >= deadline:
+            break
+    return tried
+
+
 def _strategies(
-    scenario: Scenario, guess: str, options: PlanOptions, deadline: float
-) -> Iterator[tuple[str, Callable[[], Guess], float]]:
-    """The attempts in their order: source, how to make the guess, slack of its duration."""
+    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
+) -> Iterator[_Strategy]:
+    straight = _Strategy("straight", lambda: straight_guess(scenario, options.guess), options.slack)
     if guess == "straight":
-        yield "straight", lambda: straight_guess(scenario, options.guess), options.slack
+        yield straight
         return
+    now = time.monotonic()
     found: list[Guess] = []  # the search is deterministic: a second attempt takes its path again
 
     def searched() -> Guess:
         if not found:
-            found.append(hybrid_astar_guess(scenario, options.guess, deadline))
+            found.append(hybrid_astar_guess(scenario, options.guess, now + SEARCH_SHARE * (deadline - now)))
         return found[0]
 
-    yield "hybrid_astar", searched, options.slack
-    if found[0].trajectory is not None:
-        yield "hybrid_astar", searched, options.retry_slack
+    fixed = not isinstance(horizon, str)  # the slack has no effect: a second attempt would be the same solve
+    yield _Strategy("hybrid_astar", searched, options.slack, share=1.0 if fixed else 0.5)
+    if found[0].trajectory is None:
+        yield replace(straight, share=0.5)  # seldom enough, but an attempt to look at
+    elif not fixed:
+        yield _Strategy("hybrid_astar", searched, options.retry_slack)
 
 
-def _attempt(
-    scenario: Scenario,
-    source: str,
-    make_guess: Callable[[], Guess],
-    slack: float,
-    horizon: Horizon,
-    options: PlanOptions,
-    deadline: float,
-) -> tuple[Attempt, Trajectory | None, Optimised | None]:
+def _try(
+    scenario: Scenario, strategy: _Strategy, horizon: Horizon, options: PlanOptions, deadline: float
+) -> _Tried:
     begin = time.monotonic()
-    made = make_guess()
+    made = strategy.make_guess()
     start = made.trajectory
     if start is None:
-        seconds = time.monotonic() - begin
-        return Attempt(source, seconds, 0.0, 0.0, 0, 0, "", None, False, made.reason), None, None
-    duration = float(horizon) if not isinstance(horizon, str) else start.duration * slack
-    if duration > LONGEST:
-        reason = f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
-        return Attempt(source, time.monotonic() - begin, 0.0, 0.0, 0, 0, "", None, False, reason), None, None
+        return _Tried(_unsolved(strategy, time.monotonic() - begin, made.reason), None)
+    duration = start.duration * strategy.slack if isinstance(horizon, str) else float(horizon)
+    reason = _refusal(start, duration, scenario)
+    if reason:
+        return _Tried(_unsolved(strategy, time.monotonic() - begin, reason), start)
     # with a free horizon plans end near the limits, where the speed planner's timing already is
     start = with_duration(start, duration) if horizon == "free" else gently_timed(start, duration, scenario.vehicle)
-    guess_seconds = time.monotonic() - begin
-    outcome = optimise(scenario, start, options.refine, deadline)
+    now = time.monotonic()
+    outcome = optimise(scenario, start, options.refine, now + strategy.share * (deadline - now))
+    if not outcome.rounds:
+        return _Tried(_unsolved(strategy, now - begin, outcome.reason or TOO_LATE), start)
+    return _Tried(_solved(strategy, now - begin, outcome), start, outcome)
+
+
+def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
+    """Why a guess cannot be driven in a duration [s], or an empty text."""
+    if duration > LONGEST:
+        return f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
+    length = float(np.linalg.norm(np.diff(guess.poses[:, :2], axis=0), axis=1).sum())
+    reach = scenario.vehicle.v_max * duration
+    if length > reach * (1 + ROUNDING):
+        return f"the guess's path is {length:.1f} m long, and {duration:g} s at v_max are {reach:.1f} m"
+    return ""
+
+
+def _unsolved(strategy: _Strategy, guess_seconds: float, reason: str) -> Attempt:
+    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, "", None, False, reason)
+
+
+def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
     rounds = outcome.rounds
-    attempt = Attempt(
-        guess=source,
+    return Attempt(
+        guess=strategy.source,
         guess_seconds=guess_seconds,
         build_seconds=sum(r.build_seconds for r in rounds),
         solve_seconds=sum(r.solve_seconds for r in rounds),
         iterations=sum(r.iterations for r in rounds),
-        refinements=max(0, len(rounds) - 1),
-        solver_status=rounds[-1].status if rounds else "",
+        refinements=len(rounds) - 1,
+        solver_status=rounds[-1].status,
         cost=outcome.cost.J,
         verified=outcome.verification.verified,
         reason=outcome.reason,
     )
-    return attempt, start, outcome
 
 
-def _is_better(first: Optimised, second: Optimised) -> bool:
-    def rank(outcome: Optimised) -> tuple[bool, int, int]:
-        return not outcome.verification.verified, len(outcome.verification.faults), -len(outcome.rounds)
+def _best(tried: list[_Tried]) -> _Tried:
+    """The best of what was solved, else the last that has a guess."""
+    solved = [(badness(each.outcome.verification), i) for i, each in enumerate(tried) if each.outcome is not None]
+    if solved:
+        return tried[min(solved)[1]]
+    return next((each for each in reversed(tried) if each.start is not None), tried[0])
 
-    return rank(first) < rank(second)
 
-
-def _result(
-    scenario: Scenario,
-    guess: str,
-    best: tuple[str, Trajectory, Optimised] | None,
-    attempts: list[Attempt],
-    seconds: float,
-) -> Plan:
-    if best is None:
-        source = attempts[-1].guess if attempts else guess
-        return Plan(scenario, "failed", source, None, None, None, None, tuple(attempts), seconds)
-    source, start, outcome = best
+def _result(scenario: Scenario, best: _Tried, tried: list[_Tried], seconds: float) -> Plan:
     x0, y0, _ = scenario.start
-    solved = "verified" if outcome.verification.verified else "unverified"
+    outcome = best.outcome
+    status = "failed" if outcome is None else "verified" if outcome.verification.verified else "unverified"
     return Plan(
         scenario=scenario,
-        status=solved if outcome.rounds else "failed",
-        guess_source=source,
-        trajectory=outcome.trajectory.translated(x0, y0),
-        guess=start.translated(x0, y0),
-        verification=outcome.verification,
-        cost=outcome.cost,
-        attempts=tuple(attempts),
+        status=status,
+        guess_source=best.attempt.guess,
+        trajectory=None if outcome is None else outcome.trajectory.translated(x0, y0),
+        guess=None if best.start is None else best.start.translated(x0, y0),
+        verification=None if outcome is None else outcome.verification,
+        cost=None if outcome is None else outcome.cost,
+        attempts=tuple(each.attempt for each in tried),
         total_seconds=seconds,
     )

@@ -12,6 +12,8 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory, write_atomically
 from drake_gnnocp.verification import Verification
 
+OUT_OF_TIME = "Wall time exceeded"  # what Ipopt says
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -24,8 +26,8 @@ class Attempt:
     iterations: int  # of Ipopt, all rounds
     refinements: int  # rounds after the first solve
     solver_status: str  # Ipopt's last word, "" where there was no solve
-    cost: float | None  # J
-    verified: bool
+    cost: float | None  # J, None where there was no solve
+    verified: bool  # a guess that was never optimised is not, whatever it is like
     reason: str  # why it was given up; empty when verified
 
 
@@ -36,7 +38,7 @@ class Plan:
     scenario: Scenario
     status: str  # "verified" | "unverified" (optimised, but the check found faults) | "failed" (nothing was solved)
     guess_source: str
-    trajectory: Trajectory | None
+    trajectory: Trajectory | None  # None where nothing was solved, as are verification and cost
     guess: Trajectory | None  # what the solver started from in the attempt that is reported
     verification: Verification | None
     cost: Cost | None
@@ -47,6 +49,11 @@ class Plan:
     def verified(self) -> bool:
         """Whether the independent check passed."""
         return self.status == "verified"
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
+        return self.verified and self.attempts[-1].solver_status == OUT_OF_TIME
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
@@ -62,11 +69,14 @@ class Plan:
         }
 
     def save(self, folder: Path | str) -> None:
-        """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing."""
+        """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing.
+
+        Where nothing was solved, trajectory.csv is the guess: the best there is, and marked "failed" in result.json.
+        """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         self.scenario.save(folder / "scenario.json")
-        for name, trajectory in (("trajectory.csv", self.trajectory), ("guess.csv", self.guess)):
+        for name, trajectory in (("trajectory.csv", self.trajectory or self.guess), ("guess.csv", self.guess)):
             if trajectory is None:
                 (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
             else:

@@ -13,8 +13,10 @@ The margin m grows the rectangle on all sides, which contains every point within
 goal it is lowered to half the clearance there, since an end nearer to an obstacle than the margin would never be left.
 
 Between two tested poses no point of the car is further than m from where it was at the nearer of them, if the poses are
-at most `spacing` = 2 m / `sweep` apart along the path: a point moves at most `sweep` times as far as the rear axle. So
-free samples prove the motion between them free: no wall is jumped, however thin.
+at most 2 m / `sweep` apart along the path: a point moves at most `sweep` times as far as the rear axle. With this
+spacing, free samples prove the motion between them free. A margin of a few centimetres would ask for very many poses,
+so they are never less than FINEST_SPACING apart: then nothing is proven, and a corner may clip an obstacle by
+centimetres between two poses. The later verification looks at the whole motion.
 """
 
 from __future__ import annotations

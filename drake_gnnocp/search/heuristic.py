@@ -51,6 +51,12 @@ class CostToGo:
         j = min(max(int((goal[1] - field.ymin) / cell), 0), closed.shape[1] - 1)
         return cls(field.xmin, field.ymin, cell, _distances(closed, (i, j), deadline) * cell)
 
+    @property
+    def reaches_the_rim(self) -> bool:
+        """Whether there is a way between the goal and some cell at the rim of the grid."""
+        v = self.values
+        return bool(np.isfinite(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]])).any())
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Cost-to-go at the points x, y (N,) each [m]: (N,) [m]."""
         nx, ny = self.values.shape

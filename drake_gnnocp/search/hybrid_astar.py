@@ -5,6 +5,9 @@ of a slot is much easier to search than getting in. Heading cells of 45 degrees 
 both searches end without a path, or take too long, the next stage looks with finer headings, shorter
 primitives, a smaller safety margin and the better heuristic of `lattice`, in a fixed schedule. The path is then
 shortened, see `shortcut`.
+
+Every stage searches first the surroundings of start and goal, then the whole map, where that is more; see `regions`.
+A region in which the cost-to-go proves that there is no way is left out.
 """
 
 from __future__ import annotations
@@ -13,8 +16,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-
-import numpy as np
+from functools import cached_property, partial
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box, FootprintTest, Margins
@@ -24,12 +26,11 @@ from drake_gnnocp.search.heuristic import CostToGo
 from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs, Move, backwards, drive, merged
 from drake_gnnocp.search.path import GearedPath
+from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
 
 INSTALMENT = 100  # expansions each of the two searches does in turn
-FREE_MARGIN = 10.0  # m, of free space around start, goal and obstacles that is searched without bounds
-DETOUR = 30.0  # m, the search goes no further than this from the box around start and goal
-MOST_CELLS = 60_000  # of the distance field; larger areas get larger cells
+MOST_CELLS = (60_000, 150_000)  # of the distance fields of surroundings and map; larger areas get larger cells
 SMALLEST_CELL = 0.2  # m
 
 
@@ -98,51 +99,70 @@ def search(
     """
     if time.monotonic() > deadline:
         return SearchResult(None, "out of time", 0)
-    region = search_region(scenario)
-    world = _distance_field(scenario, region, options.margin)
-    queries = _queries(scenario, world, deadline)
-    unreachable = math.isinf(queries[0].cost_to_go.at(scenario.start[:1], scenario.start[1:2])[0])
-    if time.monotonic() > deadline:  # the heuristics may be unfinished: their infinities prove nothing
-        return SearchResult(None, "out of time", 0)
-    if unreachable:
-        return SearchResult(None, "no path", 0)
+    regions = zip(search_regions(scenario), MOST_CELLS, strict=False)
+    arenas = [_Arena(scenario, region, cells, options, deadline) for region, cells in regions]
     expansions = 0
-    for stage in options.schedule:
-        if stage.lattice and queries[0].lattice is None:
-            queries = [_with_lattice(query, scenario, world, region, deadline) for query in queries]
-        test = FootprintTest(scenario, world, region, Margins.of(scenario, stage.margin * options.margin))
-        common = (test, region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
+    for stage in options.schedule if not arenas[0].encloses_an_end else ():
+        for arena in arenas:
+            if arena.has_no_way:
+                continue
+            outcome, moves, test, done = arena.run(stage)
+            expansions += done
+            if moves is not None:
+                moves = shortened(scenario, moves, test, options.costs, deadline)
+                return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
+            if outcome is Outcome.OUT_OF_TIME:
+                return SearchResult(None, "out of time", expansions)
+    # heuristics that were cut short are infinite where they did not get to, which proves nothing
+    return SearchResult(None, "out of time" if time.monotonic() > deadline else "no path", expansions)
+
+
+class _Arena:
+    """One region with its distances and heuristics, which are made when they are first needed."""
+
+    def __init__(
+        self, scenario: Scenario, region: Box, most_cells: int, options: HybridAStarOptions, deadline: float
+    ) -> None:
+        self._scenario, self._region, self._most_cells = scenario, region, most_cells
+        self._options, self._deadline = options, deadline
+
+    @cached_property
+    def _world(self) -> DistanceField:
+        return _distance_field(self._scenario, self._region, self._most_cells, self._options.margin)
+
+    @cached_property
+    def _queries(self) -> list[Query]:
+        return _queries(self._scenario, self._world, self._deadline)
+
+    @cached_property
+    def _queries_with_lattice(self) -> list[Query]:
+        with_lattice = partial(_with_lattice, world=self._world, region=self._region, deadline=self._deadline)
+        return [with_lattice(query, self._scenario) for query in self._queries]
+
+    @cached_property
+    def has_no_way(self) -> bool:
+        """Whether the cost-to-go proves that there is no path, or there was no time to compute it."""
+        start = self._scenario.start
+        return math.isinf(self._queries[0].cost_to_go.at(start[:1], start[1:2])[0])
+
+    @cached_property
+    def encloses_an_end(self) -> bool:
+        """Whether start or goal is walled in on all sides: then no larger region has a way either."""
+        return self.has_no_way and not all(query.cost_to_go.reaches_the_rim for query in self._queries)
+
+    def run(self, stage: Stage) -> tuple[Outcome, list[Move] | None, FootprintTest, int]:
+        """Search at one stage: how it ended, the moves if there are any, their collision test, nodes expanded."""
+        scenario, options = self._scenario, self._options
+        queries = self._queries_with_lattice if stage.lattice else self._queries
+        test = FootprintTest(scenario, self._world, self._region, Margins.of(scenario, stage.margin * options.margin))
+        common = (test, self._region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
         searches = [GraphSearch(query, *common) for query in queries]
-        outcome = _take_turns(searches, stage.expansions, deadline)
-        moves = _best(searches)
-        expansions += sum(each.expansions for each in searches)
-        if moves is not None:
-            moves = shortened(scenario, moves, test, options.costs, deadline)
-            return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
-        if outcome is Outcome.OUT_OF_TIME:
-            return SearchResult(None, "out of time", expansions)
-    return SearchResult(None, "no path", expansions)
+        outcome = _take_turns(searches, stage.expansions, self._deadline)
+        return outcome, _best(searches), test, sum(each.expansions for each in searches)
 
 
-def search_region(scenario: Scenario) -> Box:
-    """The rectangle that is searched: xmin, xmax, ymin, ymax [m].
-
-    A far obstacle does not enlarge it, and bounds only ever shrink it.
-    """
-    vehicle = scenario.vehicle
-    ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
-    everything = np.concatenate([ends, *scenario.obstacles])
-    room = max(FREE_MARGIN, 2.0 * vehicle.turning_radius + vehicle.length)
-    low = np.maximum(everything.min(axis=0) - room, ends.min(axis=0) - DETOUR)
-    high = np.minimum(everything.max(axis=0) + room, ends.max(axis=0) + DETOUR)
-    if scenario.bounds is not None:
-        low = np.maximum(low, scenario.bounds[0::2])
-        high = np.minimum(high, scenario.bounds[1::2])
-    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-def _distance_field(scenario: Scenario, region: Box, margin: float) -> DistanceField:
-    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / MOST_CELLS))
+def _distance_field(scenario: Scenario, region: Box, most_cells: int, margin: float) -> DistanceField:
+    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / most_cells))
     cut_off = scenario.vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
     return DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
 

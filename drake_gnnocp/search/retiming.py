@@ -8,8 +8,8 @@ int a^2 dt has the speed
 
 and where that exceeds v_max, a parabola up to v_max in tau = 3/2 (T - l / v_max), constant speed, a parabola down.
 Sections share the duration so that the sum of efforts is least: T_i proportional to sqrt(l_i), but none shorter than
-its acceleration and steering need. Guesses timed like this halved Ipopt's iterations, and knots slide less along the path
-while it solves, so fewer of them meet obstacles they had no constraints for.
+its acceleration and steering need. Guesses timed like this halved Ipopt's iterations, and knots slide less along the
+path while it solves, so fewer of them meet obstacles they had no constraints for.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""How fast and how surely the optimal control problem is solved, and how a peer does: see `__main__`."""

@@ -1,0 +1,96 @@
+"""One process for all runs, with one thread: the libraries read how many threads they may use when they are loaded."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+SINGLE_THREAD = {
+    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+}
+START_SECONDS = 60.0  # s, allowed on top of a first call for starting the process
+
+
+class WorkerDied(RuntimeError):
+    """The process crashed, or did not answer in time and was ended."""
+
+
+class Worker:
+    """Calls functions in a process of its own, which is started again after a crash.
+
+    Args:
+        first: called once in every new process.
+    """
+
+    def __init__(self, first: Callable[[], object]) -> None:
+        self._first = first
+        self._process: Any = None
+        self._pipe: Connection | None = None
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        """function(*arguments), what it raises included.
+
+        Raises:
+            WorkerDied: there was no answer in `timeout` [s], or the process ended.
+        """
+        pipe = self._pipe or self._start()
+        try:
+            pipe.send((function, arguments))
+            if not pipe.poll(timeout):
+                raise WorkerDied(f"no answer in {timeout:.0f} s")
+            succeeded, value = pipe.recv()
+        except (EOFError, OSError):
+            self._stop()
+            raise WorkerDied("the process ended") from None
+        except WorkerDied:
+            self._stop()
+            raise
+        if not succeeded:
+            raise value
+        return value
+
+    def _start(self) -> Connection:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        before = {name: os.environ.get(name) for name in SINGLE_THREAD}
+        os.environ.update(SINGLE_THREAD)
+        try:
+            self._process.start()
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name) if value is None else os.environ.update({name: value})
+        theirs.close()
+        self.call(self._first, timeout=START_SECONDS)
+        return self._pipe
+
+    def _stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._pipe is not None:
+            self._pipe.close()
+        self._process = self._pipe = None
+
+
+def _serve(pipe: Connection) -> None:
+    with suppress(EOFError, KeyboardInterrupt):
+        while True:
+            function, arguments = pipe.recv()
+            gc.collect()  # what an earlier run left is not collected at this one's expense
+            try:
+                answer = (True, function(*arguments))
+            except Exception as error:
+                answer = (False, error)
+            pipe.send(answer)

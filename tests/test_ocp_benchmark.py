@@ -1,0 +1,368 @@
+"""The benchmark: reproducible tasks, a peer that solves our problem, numbers that add up, no run made twice."""
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+import shapely
+
+from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp.ocp.cost import CostWeights, evaluate_cost
+from drake_gnnocp.ocp.dynamics import defects
+from drake_gnnocp.ocp.refine import RefineOptions
+from drake_gnnocp.ocp_benchmark import benchmark
+from drake_gnnocp.ocp_benchmark.__main__ import main
+from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD, Job, Settings, random_tasks, run_benchmark
+from drake_gnnocp.ocp_benchmark.casadi_peer import formulate, solve_with_casadi
+from drake_gnnocp.ocp_benchmark.guesses import MadeGuess, load_guess, save_guess, with_noise
+from drake_gnnocp.ocp_benchmark.maps import MapOptions, TaskOptions, random_obstacles, random_task
+from drake_gnnocp.ocp_benchmark.pair_rows import PairRows
+from drake_gnnocp.ocp_benchmark.peer_problem import PeerProblem, peer_problem
+from drake_gnnocp.ocp_benchmark.runs import Run, RunsError, append_run, read_runs
+from drake_gnnocp.ocp_benchmark.summary import PEER, summarise
+from drake_gnnocp.ocp_benchmark.tutorial import build_tutorial
+from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.verification import verify
+
+EXACT = 1e-11  # two ways of computing the same number; areas cancel a few digits
+N_TASKS = 12
+GUESS = "hybrid_astar"
+
+
+# ---------------------------------------------------------------------------------------------------------------- maps
+
+
+def test_a_task_is_the_same_whatever_is_drawn_besides() -> None:
+    alone = random_task(3, 5).to_dict()
+    assert [random_task(3, i).to_dict() for i in range(7)][5] == alone
+    names = ("start", "obstacles")
+    for other in (random_task(4, 5).to_dict(), random_task(3, 6).to_dict()):
+        assert all(other[name] != alone[name] for name in names)
+
+
+def test_tasks_keep_to_their_options() -> None:
+    options = TaskOptions()
+    for i in range(N_TASKS):
+        scenario = random_task(0, i)  # a Scenario checks that polygons are simple and both ends are free
+        assert len(scenario.obstacles) == MapOptions().n_obstacles
+        assert options.distance[0] <= math.dist(scenario.start[:2], scenario.goal[:2]) <= options.distance[1]
+        cars = shapely.polygons(scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal])))
+        assert shapely.distance(shapely.union_all(scenario.polygons), cars).min() >= options.clearance
+        assert shapely.box(0, 0, 40, 40).contains([*cars, *scenario.polygons]).all()
+
+
+def test_obstacles_are_in_the_way_unless_a_share_of_free_lines_is_asked_for() -> None:
+    def blocked(options: TaskOptions) -> int:
+        tasks = [random_task(1, i, task=options) for i in range(N_TASKS)]
+        lines = [shapely.LineString([task.start[:2], task.goal[:2]]) for task in tasks]
+        return sum(
+            shapely.union_all(task.polygons).distance(line) <= task.vehicle.width / 2
+            for task, line in zip(tasks, lines, strict=True)
+        )
+
+    assert blocked(TaskOptions(unobstructed=0.0)) == N_TASKS
+    assert blocked(TaskOptions(unobstructed=1.0)) < N_TASKS
+
+
+def test_maps_have_rectangles_convex_and_concave_polygons() -> None:
+    polygons = [
+        shapely.Polygon(ring) for i in range(6) for ring in random_obstacles(np.random.default_rng(i), MapOptions())
+    ]
+    concave = [p for p in polygons if p.area < p.convex_hull.area * (1 - 1e-9)]
+    rectangles = [p for p in polygons if p.area > p.minimum_rotated_rectangle.area * (1 - 1e-9)]
+    assert 0.05 < len(concave) / len(polygons) < 0.3
+    assert 0.3 < len(rectangles) / len(polygons) < 0.7
+    assert all(p.is_valid for p in polygons)
+
+
+# ------------------------------------------------------------------------------------------------------------- the peer
+
+
+@pytest.fixture(scope="module")
+def problem() -> PeerProblem:
+    """A small program with rows of every kind, around a guess that turns once more than the goal."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 6.0, 9)
+    states = np.column_stack([1.2 * t, 0.3 * t, 0.2 + 0.1 * t, 1 + 0.1 * t, 0.05 * t])
+    states += rng.normal(0, 0.02, (9, 5))
+    guess = Trajectory(t, states, rng.normal(0, 0.2, (9, 2)))
+    obstacles = (
+        np.array([[3.0, 3.5], [5.0, 3.5], [5.0, 5.5], [3.0, 5.5]]),
+        np.array([[4.0, -4.0], [6.0, -3.0], [4.5, -2.0]]),
+    )
+    goal = guess.poses[-1] - [0, 0, 2 * math.pi]
+    scenario = Scenario("small", guess.poses[0], goal, obstacles, bounds=(-3.0, 13.0, -5.0, 6.0))
+    return peer_problem(scenario, guess, RefineOptions())
+
+
+def random_point(problem: PeerProblem) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return np.hstack([problem.guess.states, problem.guess.inputs]) + rng.normal(0, 0.2, (len(problem.guess), 7))
+
+
+def distances_of_rows(rows: PairRows, knots: np.ndarray, vehicle_scenario: Scenario) -> np.ndarray:
+    """(sum of the triangles - area) / length by shapely, one triangle after the other."""
+    values = []
+    for k, point, length in zip(rows.knot, rows.point, rows.length, strict=True):
+        x, y, theta = knots[k, :3]
+        turn = np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
+        seen = turn @ point + [x, y] if rows.of_car else turn.T @ (point - [x, y])
+        corners = zip(rows.ring, np.roll(rows.ring, -1, axis=0), strict=True)
+        total = sum(shapely.Polygon([seen, a, b]).area for a, b in corners)
+        values.append((total - shapely.Polygon(rows.ring).area) / length)
+    return np.array(values)
+
+
+def expected_rows(problem: PeerProblem, knots: np.ndarray) -> list[np.ndarray]:
+    """All rows, less their lower bounds, by our own functions: defects, areas, bounds."""
+    scenario = problem.scenario
+    rows = [defects(knots, problem.step, scenario.vehicle.wheelbase)[0].ravel()]
+    rows += [distances_of_rows(pair, knots, scenario) - problem.margin for pair in problem.pairs]
+    footprints = scenario.vehicle.footprints(knots[:, :3])
+    for side in problem.sides:
+        distance = side.sign * (footprints[side.knots][..., side.axis] - side.bound)
+        rows.append(distance.ravel() - problem.bounds_margin)
+    return rows
+
+
+def test_the_peers_rows_and_cost_are_ours_at_a_random_point(problem: PeerProblem) -> None:
+    assert len(problem.pairs) == 3 and any(len(side.knots) for side in problem.sides)
+    knots = random_point(problem)
+    nlp = formulate(problem)
+    g, f = ca.Function("evaluate", [nlp.x], [nlp.g, nlp.f])(knots.ravel())
+    expected = np.concatenate(expected_rows(problem, knots))
+    assert problem.n_rows == len(expected) == nlp.g.numel()
+    np.testing.assert_allclose(np.array(g).ravel() - nlp.g_low, expected, atol=EXACT)
+    equality = nlp.g_low == nlp.g_high
+    assert equality.sum() == 5 * (len(problem.guess) - 1) and np.isinf(nlp.g_high[~equality]).all()
+    trajectory = Trajectory(problem.guess.t, knots[:, :5], knots[:, 5:])
+    assert float(f) == pytest.approx(evaluate_cost(trajectory, problem.centroids, CostWeights()).J, rel=EXACT)
+
+
+def test_the_tutorials_rows_and_cost_are_ours_at_a_random_point(problem: PeerProblem) -> None:
+    knots = random_point(problem)
+    program, variables = build_tutorial(problem)
+    program.SetInitialGuess(variables, knots)
+    point = program.initial_guess()
+    rows, costs = [], 0.0
+    for binding in program.generic_constraints():
+        evaluator = binding.evaluator()
+        value = evaluator.Eval(point[program.FindDecisionVariableIndices(binding.variables())])
+        rows.append(value - evaluator.lower_bound())
+    for binding in program.GetAllCosts():
+        costs += binding.evaluator().Eval(point[program.FindDecisionVariableIndices(binding.variables())])[0]
+    # sorted: the tutorial takes the rows of a polygon knot by knot
+    np.testing.assert_allclose(
+        np.sort(np.concatenate(rows)), np.sort(np.concatenate(expected_rows(problem, knots))), atol=EXACT
+    )
+    trajectory = Trajectory(problem.guess.t, knots[:, :5], knots[:, 5:])
+    assert costs == pytest.approx(evaluate_cost(trajectory, problem.centroids, CostWeights()).J, rel=EXACT)
+
+
+def test_pair_rows_are_distances_at_the_guess(problem: PeerProblem) -> None:
+    guess, scenario = problem.guess, problem.scenario
+    cars = shapely.polygons(scenario.vehicle.footprints(guess.poses))
+    knots = np.hstack([guess.states, guess.inputs])
+    least = np.full(len(guess), math.inf)
+    for pair in problem.pairs:
+        np.minimum.at(least, pair.knot, distances_of_rows(pair, knots, scenario))
+    for k in np.flatnonzero(np.isfinite(least)):
+        # the nearest of all rows is the distance: no two edges are nearest to each other here
+        assert least[k] == pytest.approx(shapely.distance(cars[k], shapely.union_all(scenario.polygons)), abs=1e-9)
+
+
+def test_the_peer_keeps_the_turns_of_the_guess_and_fixes_both_ends(problem: PeerProblem) -> None:
+    assert problem.goal[2] == pytest.approx(problem.guess.poses[-1, 2])
+    nlp = formulate(problem)
+    low, high = nlp.x_low.reshape(-1, 7), nlp.x_high.reshape(-1, 7)
+    for k, pose in ((0, problem.scenario.start), (-1, problem.goal)):
+        np.testing.assert_array_equal(low[k], [*pose, 0, 0, 0, 0])
+        np.testing.assert_array_equal(high[k], low[k])
+    assert np.isinf(high[1:-1, :3]).all()
+    np.testing.assert_array_equal(high[1:-1, 3:], np.tile(problem.limits, (len(low) - 2, 1)))
+
+
+@pytest.mark.parametrize("expand", [False, True])
+def test_the_peer_solves_a_task_to_a_verified_plan(expand: bool) -> None:
+    scenario = Scenario("lane", np.zeros(3), np.array([12.0, 1.0, 0.0]), (np.array([[4.0, -5], [8, -5], [6, -1.2]]),))
+    t = np.linspace(0.0, 12.0, 25)
+    states = np.zeros((25, 5))
+    states[:, 0] = t
+    problem = peer_problem(scenario, Trajectory(t, states, np.zeros((25, 2))), RefineOptions())
+    solution = solve_with_casadi(problem, expand, 20.0)
+    assert solution.success and solution.iterations > 0
+    assert verify(scenario, solution.trajectory).verified
+
+
+# ----------------------------------------------------------------------------------------------------- guesses and runs
+
+
+def test_noise_has_the_amplitude_asked_for_and_keeps_the_ends() -> None:
+    t = np.linspace(0.0, 9.0, 120)
+    plan = Trajectory(t, np.zeros((120, 5)), np.zeros((120, 2)))
+    noisy = with_noise(plan, 0.6, np.random.default_rng(0))
+    np.testing.assert_allclose(np.sqrt(np.mean(noisy.states[:, :2] ** 2, axis=0)), 0.6, rtol=1e-9)
+    np.testing.assert_array_equal(noisy.states[[0, -1]], 0.0)
+    np.testing.assert_array_equal(noisy.states[:, 2:], 0.0)
+
+
+def test_guesses_come_back_from_disk(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 1.0, 3)
+    trajectory = Trajectory(t, np.arange(15.0).reshape(3, 5), np.ones((3, 2)))
+    save_guess(tmp_path / "new" / "a.npz", MadeGuess(trajectory, "", 0.5))
+    back = load_guess(tmp_path / "new" / "a.npz")
+    assert back.trajectory is not None and back.seconds == 0.5
+    np.testing.assert_array_equal(back.trajectory.states, trajectory.states)
+    save_guess(tmp_path / "b.npz", MadeGuess(None, "no path", 5.0))
+    assert load_guess(tmp_path / "b.npz") == MadeGuess(None, "no path", 5.0)
+
+
+def run_of(task: str, method: str, seconds: float, **changes: object) -> Run:
+    times = (0.25 * seconds, 0.75 * seconds, 1.1 * seconds)
+    run = Run("random, seed 0", task, GUESS, method, *times, 20, 30, 2, 900, math.nan, 0.1, False, False, "", "")
+    return replace(run, **changes)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def runs() -> list[Run]:
+    """Two tasks with a guess and one without; the peer is faster once, and once not verified."""
+    found = [run_of(task, NO_METHOD, 1.0, converged=True) for task in ("a", "b")]
+    return [
+        *found,
+        run_of("c", NO_METHOD, 5.0, converged=False, status="out of time"),
+        run_of("a", "drake", 1.0, cost=3.0, converged=True, verified=True),
+        run_of("a", "casadi_mx", 2.0, cost=2.0, converged=True, verified=True),
+        run_of("a", "casadi_sx", 4.0, cost=2.0, converged=True, verified=True),
+        run_of("b", "drake", 3.2, cost=3.0, converged=True, verified=True, iterations=50),
+        run_of("b", "casadi_mx", 1.0, cost=9.0, converged=False, verified=False),
+        run_of("b", "casadi_sx", 1.5, cost=4.0, converged=True, verified=False, faults="collides with an obstacle"),
+    ]
+
+
+def cells(summary: str, first: str) -> list[str]:
+    line = re.search(rf"^\| {re.escape(first)} \|.*$", summary, re.MULTILINE)
+    assert line is not None, summary
+    return [cell.strip() for cell in line.group().strip("|").split("|")]
+
+
+def test_the_summary_counts_failures_and_takes_the_peers_best(runs: list[Run]) -> None:
+    summary = summarise(runs)
+    assert "3 tasks; Hybrid A* found no guess in 1, which are left out (c)" in summary
+    drake, peer = cells(summary, "drake"), cells(summary, PEER)
+    assert drake[1:4] == ["2", "2", "2 (100 %)"] and drake[5] == "40 / 49"
+    assert drake[10] == "2.10 / 3.09"  # build + solve of 1 s and 3.2 s
+    assert peer[1:4] == ["2", "2", "1 (50 %)"] and peer[10] == "1.75 / 1.98"  # 2 s and 1.5 s: 1 s did not converge
+    # 1 / 2 and 3.2 / 1.5; the percentiles are 3.09 and 1.975
+    assert cells(summary, "attempted by both")[1:] == ["2", "1.32", "2.05", "1.56", "-"]
+    assert cells(summary, "verified by both")[1:] == ["1", "0.50", "0.50", "0.50", "1.500"]
+
+
+def test_the_summary_lists_bad_guesses_apart(runs: list[Run]) -> None:
+    bad = [run_of(task, "drake", 2.0, verified=task == "a") for task in ("a", "b")]
+    summary = summarise([*runs, *(replace(run, guess="noise 0.6 m") for run in bad)])
+    assert cells(summary, "noise 0.6 m")[1:4] == ["2", "0", "1 (50 %)"]
+    assert cells(summary, "drake")[1] == "2"
+
+
+def test_rows_come_back_from_the_file_and_a_torn_one_is_dropped(tmp_path: Path, runs: list[Run]) -> None:
+    path = tmp_path / "runs.csv"
+    for run in runs:
+        append_run(path, run)
+    with path.open("a") as file:
+        file.write('"random, seed 0",d,hybr')
+    assert read_runs(path)[3:] == runs[3:]
+    append_run(path, replace(runs[3], task="d"))
+    assert [run.task for run in read_runs(path)[-2:]] == ["b", "d"]
+
+
+@pytest.mark.parametrize(("text", "says"), [("t,x,y\n1,2,3\n", "not a file of runs"), ("", None)])
+def test_another_file_is_not_taken_for_runs(tmp_path: Path, text: str, says: str | None) -> None:
+    (tmp_path / "runs.csv").write_text(text)
+    if says is None:
+        assert read_runs(tmp_path / "runs.csv") == []
+    else:
+        with pytest.raises(RunsError, match=says):
+            read_runs(tmp_path / "runs.csv")
+
+
+# ------------------------------------------------------------------------------------------------------ the whole thing
+
+
+def test_a_worker_raises_what_its_function_raises_and_survives_a_crash() -> None:
+    with Worker(int) as worker:
+        assert worker.call(max, 1, 2, timeout=30.0) == 2
+        with pytest.raises(ValueError, match="invalid literal"):
+            worker.call(int, "x", timeout=30.0)
+        with pytest.raises(WorkerDied):
+            worker.call(os_exit, timeout=30.0)
+        assert worker.call(threads, timeout=30.0) == "1"
+
+
+def os_exit() -> None:
+    import os
+
+    os._exit(11)
+
+
+def threads() -> str | None:
+    import os
+
+    return os.environ.get("OMP_NUM_THREADS")
+
+
+def test_from_tasks_to_a_summary_and_nothing_is_run_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = ["--tasks", "1", "--knots", "24", "--max-seconds", "5", "--out", str(tmp_path)]
+    assert main([*arguments, "--methods", "drake", "casadi_mx"]) == 0
+    rows = read_runs(tmp_path / "runs.csv")
+    assert [run.method for run in rows] == [NO_METHOD, "drake", "casadi_mx"]
+    assert rows[0].converged and all(run.iterations > 0 and run.seconds > 0 for run in rows[1:])
+    assert cells((tmp_path / "summary.md").read_text(), "drake")[1] == "1"
+
+    def no_run(*_: object) -> Run:
+        raise AssertionError("a run that is there was made again")
+
+    monkeypatch.setattr(benchmark, "_in_worker", no_run)
+    assert main([*arguments, "--methods", "drake"]) == 0
+    assert read_runs(tmp_path / "runs.csv") == rows
+
+
+def test_a_crash_is_a_row_and_other_settings_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*_: object, **__: object) -> Run:
+        raise WorkerDied("the process ended")
+
+    monkeypatch.setattr(Worker, "call", crash)
+    (run,) = run_benchmark(random_tasks(0, 1), lambda _: ["drake"], False, Settings(), tmp_path)
+    assert (run.status, run.converged, run.verified, run.method) == ("crashed", False, False, NO_METHOD)
+    with pytest.raises(RunsError, match="other settings"):
+        run_benchmark(random_tasks(0, 1), lambda _: ["drake"], False, Settings(n_knots=60), tmp_path)
+
+
+@pytest.mark.parametrize("make", ["file", "foreign"])
+def test_a_folder_that_cannot_hold_runs_is_one_line_and_exit_code_2(
+    make: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    if make == "file":
+        out.write_text("not a folder")
+    else:
+        out.mkdir()
+        (out / "runs.csv").write_text("t,x,y\n")
+    assert main(["--tasks", "1", "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and str(out) in error
+
+
+def test_bad_options_are_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
+    for bad in (["--tasks", "-1"], ["--max-seconds", "0"], ["--knots", "2"], ["--methods", "magic"]):
+        with pytest.raises(SystemExit) as stop:
+            main(bad)
+        assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+def test_jobs_and_runs_have_the_same_keys(runs: list[Run]) -> None:
+    (task,) = random_tasks(0, 1)
+    assert Job(task, GUESS, "drake").key == replace(runs[3], task=task.name).key
