@@ -107,7 +107,8 @@ def formulate(problem: PeerProblem) -> Nlp:
     constraints: list[tuple[ca.MX, np.ndarray | float, float]]  # g, least, most
     constraints = [(ca.vec(_defects(vehicle, h).map(n - 1)(knots[:, :-1], knots[:, 1:])), 0.0, 0.0)]
     for rows in problem.pairs:
-        constraints.append((_areas(knots, rows), area(rows.ring) / rows.length + problem.margin, math.inf))
+        if len(rows.knot):  # CasADi maps nothing over no knots
+            constraints.append((_areas(knots, rows), area(rows.ring) / rows.length + problem.margin, math.inf))
     for side in problem.sides:
         if len(side.knots):
             constraints.append((_distances(knots, side, vehicle), problem.bounds_margin, math.inf))

@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 
 Horizon = float | str  # seconds, "guess" or "free"
 LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
+LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
 SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A*
 ROUNDING = 1e-9  # relative, of the length of a path
 TOO_LATE = "out of time before the first solve"
@@ -160,7 +161,9 @@ def _try(
     # with a free horizon plans end near the limits, where the speed planner's timing already is
     start = with_duration(start, duration) if horizon == "free" else gently_timed(start, duration, scenario.vehicle)
     now = time.monotonic()
-    outcome = optimise(scenario, start, options.refine, now + strategy.share * (deadline - now))
+    left = deadline - now
+    seconds = max(strategy.share * left, min(left, LEAST_SECONDS))
+    outcome = optimise(scenario, start, options.refine, now + seconds)
     if not outcome.rounds:
         return _Tried(_unsolved(strategy, now - begin, outcome.reason or TOO_LATE), start)
     return _Tried(_solved(strategy, now - begin, outcome), start, outcome)
