@@ -39,7 +39,7 @@ def defects(knots: np.ndarray, h: float, wheelbase: float) -> tuple[np.ndarray, 
     f0, f1 = rates[:-1], rates[1:]
     middle, d_middle = _middle(left, right, f0[:, 2], f1[:, 2], d_rates, h)
     fm, d_fm = _pose_rates(middle, wheelbase)
-    d_fm = d_fm @ d_middle  # (K, 3, 15)
+    d_fm = d_fm[..., THETA : PHI + 1] @ d_middle  # (K, 3, 15)
 
     value = np.empty((len(left), ALL_ROWS))
     derivative = np.zeros((len(left), ALL_ROWS, 2 * N_KNOT + 1))
@@ -75,21 +75,24 @@ def _pose_rates(knots: np.ndarray, wheelbase: float) -> tuple[np.ndarray, np.nda
 def _middle(
     left: np.ndarray, right: np.ndarray, turn0: np.ndarray, turn1: np.ndarray, d_rates: np.ndarray, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """theta, v, phi in the middle of every interval (the rest is not needed): (K, 7) and derivatives (K, 7, 15)."""
+    """The knot in the middle of every interval (K, 7), and the derivatives (K, 3, 15) of its theta, v and phi.
+
+    Its x and y, which no rate depends on, are not those of the cubic.
+    """
     middle = (left + right) / 2
-    derivative = np.zeros((len(left), N_KNOT, 2 * N_KNOT + 1))
+    derivative = np.zeros((len(left), 3, 2 * N_KNOT + 1))
     middle[:, THETA] += h / 8 * (turn0 - turn1)
-    derivative[:, THETA, :N_KNOT] = h / 8 * d_rates[:-1, THETA]
-    derivative[:, THETA, N_KNOT : 2 * N_KNOT] = -h / 8 * d_rates[1:, THETA]
-    derivative[:, THETA, -1] = (turn0 - turn1) / 8
-    for state, rate in ((V, A), (PHI, W)):
+    derivative[:, 0, :N_KNOT] = h / 8 * d_rates[:-1, THETA]
+    derivative[:, 0, N_KNOT : 2 * N_KNOT] = -h / 8 * d_rates[1:, THETA]
+    derivative[:, 0, -1] = (turn0 - turn1) / 8
+    for row, (state, rate) in ((1, (V, A)), (2, (PHI, W))):
         difference = left[:, rate] - right[:, rate]
         middle[:, state] += h / 8 * difference
-        derivative[:, state, rate], derivative[:, state, N_KNOT + rate] = h / 8, -h / 8
-        derivative[:, state, -1] = difference / 8
-    for state in (THETA, V, PHI):
-        derivative[:, state, state] += 0.5
-        derivative[:, state, N_KNOT + state] += 0.5
+        derivative[:, row, rate], derivative[:, row, N_KNOT + rate] = h / 8, -h / 8
+        derivative[:, row, -1] = difference / 8
+    for row, state in enumerate((THETA, V, PHI)):
+        derivative[:, row, state] += 0.5
+        derivative[:, row, N_KNOT + state] += 0.5
     return middle, derivative
 
 
