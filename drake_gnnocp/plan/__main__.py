@@ -14,6 +14,7 @@ from drake_gnnocp.plan.planner import LONGEST, Horizon, check_horizon, plan
 from drake_gnnocp.plan.result import Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
+PICTURES = ("plan.png", "states.png", "replay.html")
 VERIFIED, BAD_INPUT, NOT_VERIFIED = 0, 2, 3  # exit codes
 
 
@@ -89,6 +90,8 @@ def main(argv: list[str] | None = None) -> int:
         return BAD_INPUT
     result = plan(scenario, arguments.guess, arguments.horizon, arguments.max_seconds)
     result.save(folder)
+    for name in PICTURES:
+        (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
     if not arguments.no_pictures:
         _save_pictures(result, folder)
     print(_summary(result))
@@ -106,8 +109,6 @@ def _save_pictures(result: Plan, folder: Path) -> None:
     scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
     title = f"{scenario.name}: {result.status}"
     save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title)
-    for name in ("states.png", "replay.html"):
-        (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
     if trajectory is not None:
         save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
         save_replay(folder / "replay.html", scenario, trajectory)
