@@ -185,6 +185,3 @@ def test_the_peer_solves_a_task_to_a_verified_plan(expand: bool) -> None:
     solution = solve_with_casadi(problem, expand, 20.0)
     assert solution.success and solution.iterations > 0
     assert verify(scenario, solution.trajectory).verified
-
-
-# ----------------------------------------------------------------------------------------------------- guesses and runs
