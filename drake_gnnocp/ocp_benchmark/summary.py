@@ -10,11 +10,13 @@ from importlib import metadata
 
 import numpy as np
 
+from drake_gnnocp.ocp.ipopt import IpoptOptions
 from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD
 from drake_gnnocp.ocp_benchmark.guesses import BAD_GUESSES, HYBRID_ASTAR
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS
 from drake_gnnocp.ocp_benchmark.runs import Run
 
+OURS = IpoptOptions()
 PEER = "casadi (faster of mx, sx)"
 NOTES = f"""\
 One thread; the methods of a task run one after the other, from the same guess and under the same limit. Seconds and
@@ -22,7 +24,8 @@ iterations are median / 95th percentile over all attempted tasks, failures inclu
 `build + solve` is the sum over all rounds; `whole call` adds the verifications between them. *Verified* is the
 independent dense check for all methods.
 
-- `drake`: refined until verified, stopped by progress (cost within 0.1 % for 3 iterations, constraints within 1e-5 m).
+- `drake`: refined until verified, stopped by progress (cost within {OURS.objective_change:.1%} and constraints within
+  {OURS.feasibility:g} m for {OURS.settled_iterations} iterations).
 - `{PEER}`: CasADi, exact Hessian, MUMPS, the Ipopt settings that were best for it (adaptive
   barrier, kkt-error globalisation), the same rule to stop, the same pairs; one solve, not refined. Task by task the
   faster of `casadi_mx` (mapped graph) and `casadi_sx` (expanded), of those that converged.
