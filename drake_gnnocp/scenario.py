@@ -99,6 +99,11 @@ class Scenario:
         """Convex rings (M, 2), counter-clockwise, that cover the obstacles exactly [m]."""
         return tuple(part for polygon in self.polygons for part in convex_parts(polygon))
 
+    @cached_property
+    def convex_polygons(self) -> tuple[shapely.Polygon, ...]:
+        """The rings of `convex_obstacles`, in their order, as polygons."""
+        return tuple(shapely.Polygon(ring) for ring in self.convex_obstacles)
+
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
 

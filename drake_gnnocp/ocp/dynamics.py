@@ -14,12 +14,13 @@ from __future__ import annotations
 import numpy as np
 from pydrake.solvers import LinearEqualityConstraint, MathematicalProgram
 
-from drake_gnnocp.ocp.variables import KNOT_SCALE, N_KNOT, STATE_SCALE, STEP_SCALE, Variables, add_block
-from drake_gnnocp.vehicle import Vehicle
+from drake_gnnocp.ocp.variables import KNOT_SCALE, N_KNOT, N_STATES, STATE_SCALE, STEP_SCALE, Variables, add_block
+from drake_gnnocp.vehicle import Input, State, Vehicle
 
 BLOCK = 20  # intervals in one callback: one interval each is 3 times slower, all in one slower too
 POSE_ROWS, ALL_ROWS = 3, 5  # rows an interval: x, y, theta; with a free horizon v and phi as well
-X, Y, THETA, V, PHI, A, W = range(N_KNOT)
+X, Y, THETA, V, PHI = State
+A, W = (N_STATES + column for column in Input)
 
 
 def defects(knots: np.ndarray, h: float, wheelbase: float) -> tuple[np.ndarray, np.ndarray]:
@@ -53,9 +54,9 @@ def defects(knots: np.ndarray, h: float, wheelbase: float) -> tuple[np.ndarray, 
         value[:, state] = right[:, state] - left[:, state] - h * mean_rate
         derivative[:, state, [rate, N_KNOT + rate]] = -h / 2
         derivative[:, state, -1] = -mean_rate
-    for state in range(ALL_ROWS):
-        derivative[:, state, state] -= 1
-        derivative[:, state, N_KNOT + state] += 1
+    for row in range(ALL_ROWS):
+        derivative[:, row, row] -= 1
+        derivative[:, row, N_KNOT + row] += 1
     return value, derivative
 
 

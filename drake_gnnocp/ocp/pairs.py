@@ -26,7 +26,7 @@ def _pairs_within(scenario: Scenario, shapes: np.ndarray, distance: float) -> tu
     """Indices (shapes, convex obstacles) of the pairs within a distance [m]."""
     if not scenario.convex_obstacles:
         return [], []
-    tree = shapely.STRtree([shapely.Polygon(ring) for ring in scenario.convex_obstacles])
+    tree = shapely.STRtree(scenario.convex_polygons)
     which, obstacle = tree.query(shapes, predicate="dwithin", distance=distance)
     return which.tolist(), obstacle.tolist()
 
@@ -39,12 +39,11 @@ def close_pairs(scenario: Scenario, trajectory: Trajectory, threshold: float) ->
     motion = drive(scenario.start, trajectory, scenario.vehicle)
     corners = scenario.vehicle.footprints(motion.states[::CHECK_STEP, :3])
     footprints = shapely.polygons(corners)
-    rings = [shapely.Polygon(ring) for ring in scenario.convex_obstacles]
     samples, obstacles = _pairs_within(scenario, footprints, threshold)
     intervals = np.minimum(np.array(samples) * CHECK_STEP // motion.steps_per_interval, len(trajectory) - 2)
     nearest: dict[Pair, tuple[float, int]] = {}
     for sample, k, j in zip(samples, intervals.tolist(), obstacles, strict=True):
-        distance = float(shapely.distance(footprints[sample], rings[j]))
+        distance = float(shapely.distance(footprints[sample], scenario.convex_polygons[j]))
         nearest[k, j] = min(nearest.get((k, j), (math.inf, 0)), (distance, sample))
     return {
         (k, j): distance if distance > 0 else best_normal(corners[sample], scenario.convex_obstacles[j])[2]

@@ -34,6 +34,8 @@ from drake_gnnocp.verification import (
     verify,
 )
 
+TOO_LATE = "out of time before the first solve"
+
 
 @dataclass(frozen=True)
 class RefineOptions:
@@ -198,7 +200,7 @@ def _reason(check: Verification, rounds: list[Round], deadline: float) -> str:
     if check.verified:
         return ""
     if not rounds:
-        return "out of time before the first solve"
+        return TOO_LATE
     last = rounds[-1]
     late = ", out of time" if time.monotonic() >= deadline else ""
     violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""

@@ -1,4 +1,4 @@
-r"""Swept separating lines: exact collision constraints between the knots.
+r"""Swept separating lines: collision constraints that hold between the knots as well.
 
 For an interval and a convex obstacle, a line with the normal n = (cos alpha, sin alpha) and offset beta has the four
 corners of the car at both knots on one side and the obstacle on the other:

@@ -6,26 +6,20 @@ import argparse
 import importlib.util
 import sys
 from pathlib import Path
-from typing import NoReturn
 
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
 from drake_gnnocp.ocp_benchmark.benchmark import Settings, library_tasks, random_tasks, run_benchmark
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS, TUTORIAL
 from drake_gnnocp.ocp_benchmark.runs import RunsError
 from drake_gnnocp.ocp_benchmark.summary import summarise
 from drake_gnnocp.trajectory import write_atomically
 
-DONE, BAD_INPUT = 0, 2  # exit codes
+DONE = 0  # exit code, beside BAD_INPUT
 DEFAULTS = Settings()
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """One line instead of argparse's usage and message."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = OneLineParser(
         prog="python -m drake_gnnocp.ocp_benchmark",
         description="Solve random tasks (40 m x 40 m, 10 obstacles) from the guesses of Hybrid A*, with this package "
         "and with CasADi, in one thread, and compare. Writes runs.csv and summary.md. What is there is not run again, "

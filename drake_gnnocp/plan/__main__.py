@@ -6,8 +6,8 @@ import argparse
 import logging
 import sys
 from pathlib import Path
-from typing import NoReturn
 
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.plan.guess import GUESSES, check_available
 from drake_gnnocp.plan.planner import LONGEST, Horizon, check_horizon, plan
@@ -15,17 +15,11 @@ from drake_gnnocp.plan.result import Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
 PICTURES = ("plan.png", "states.png", "replay.html")
-VERIFIED, BAD_INPUT, NOT_VERIFIED = 0, 2, 3  # exit codes
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """One line instead of argparse's usage and message."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
+VERIFIED, NOT_VERIFIED = 0, 3  # exit codes, beside BAD_INPUT
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = OneLineParser(
         prog="python -m drake_gnnocp.plan",
         description="Plan a trajectory for a car among polygons, verify it, and draw it.",
         epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still written).",

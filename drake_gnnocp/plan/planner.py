@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drake_gnnocp.ocp.refine import Optimised, RefineOptions, badness, optimise
+from drake_gnnocp.ocp.refine import TOO_LATE, Optimised, RefineOptions, badness, optimise
 from drake_gnnocp.plan.guess import (
     Guess,
     GuessOptions,
@@ -29,7 +29,6 @@ LONGEST = 1000.0  # s, longest duration that is planned: the verification looks 
 LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
 SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A*
 ROUNDING = 1e-9  # relative, of the length of a path
-TOO_LATE = "out of time before the first solve"
 
 
 @dataclass(frozen=True)
