@@ -24,11 +24,11 @@ from drake_gnnocp.ocp_benchmark.guesses import (
     save_guess,
     search_guess,
 )
-from drake_gnnocp.ocp_benchmark.maps import random_task, task_name
 from drake_gnnocp.ocp_benchmark.methods import DRAKE, Outcome, run_method, warm_up
 from drake_gnnocp.ocp_benchmark.runs import Run, RunsError, append_run, read_runs
 from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
+from drake_gnnocp.tasks.open_maps import random_task, task_name
 from drake_gnnocp.trajectory import write_atomically
 from drake_gnnocp.verification import verify
 

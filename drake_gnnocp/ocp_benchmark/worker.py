@@ -1,18 +1,16 @@
-"""One process for all runs, with one thread: the libraries read how many threads they may use when they are loaded."""
+"""One process for all runs, with one thread."""
 
 from __future__ import annotations
 
 import gc
 import multiprocessing
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-SINGLE_THREAD = {
-    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-}
+from drake_gnnocp.single_thread import single_threaded_children
+
 START_SECONDS = 60.0  # s, allowed on top of a first call for starting the process
 
 
@@ -64,13 +62,8 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        before = {name: os.environ.get(name) for name in SINGLE_THREAD}
-        os.environ.update(SINGLE_THREAD)
-        try:
+        with single_threaded_children():
             self._process.start()
-        finally:
-            for name, value in before.items():
-                os.environ.pop(name) if value is None else os.environ.update({name: value})
         theirs.close()
         self.call(self._first, timeout=START_SECONDS)
         return self._pipe

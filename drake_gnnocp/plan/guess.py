@@ -1,9 +1,16 @@
-"""First guesses of the optimal control problem: where a trajectory comes from before it is optimised."""
+"""First guesses of the optimal control problem: where a trajectory comes from before it is optimised.
+
+torch is imported when a learned guess is first asked for: it takes a second that other plans need not wait for.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +18,9 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
 from drake_gnnocp.search.speed_planner import SpeedOptions, plan_speed
 from drake_gnnocp.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from drake_gnnocp.learning.checkpoint import Network
 
 GUESSES = ("auto", "gnn", "hybrid_astar", "rrt_star", "straight")
 STRAIGHT_SPEED = 0.5  # of v_max, average along a straight guess
@@ -36,20 +46,48 @@ class GuessOptions:
     n_knots: int = 120
     search: HybridAStarOptions = field(default_factory=HybridAStarOptions)
     speed: SpeedOptions = field(default_factory=SpeedOptions)
+    weights: Path | None = None  # of the network; None: those that come with the package
 
 
-def check_available(kind: str) -> None:
-    """Raise where a kind of guess is unknown or cannot be made.
+def check_available(kind: str, options: GuessOptions | None = None) -> None:
+    """Raise where a kind of guess is unknown or cannot be made; load what it needs.
 
     Raises:
         GuessUnavailable: unknown kind, or one that needs what is not there.
     """
     if kind not in GUESSES:
         raise GuessUnavailable(f"guess: must be one of {', '.join(GUESSES)}, not {kind!r}")
-    if kind == "gnn":
-        raise GuessUnavailable("guess: 'gnn' needs trained weights, and this version has none; use hybrid_astar")
+    if kind in ("auto", "gnn"):
+        load_network(options.weights if options else None)
     if kind == "rrt_star":
         raise GuessUnavailable("guess: 'rrt_star' is not part of this version; use hybrid_astar")
+
+
+@lru_cache(maxsize=4)
+def load_network(weights: Path | None) -> Network:
+    """The trained network in a file, or the one that comes with the package.
+
+    Raises:
+        GuessUnavailable: there is none.
+    """
+    from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
+
+    try:
+        return load_weights(weights or bundled_weights())[0]
+    except WeightsError as error:
+        raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
+
+
+def bundled_weights(config: str = "default") -> Path:
+    """The file of the weights that come with the package, of one of the networks' configurations."""
+    return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
+
+
+def gnn_guesses(scenario: Scenario, options: GuessOptions) -> list[Guess]:
+    """The network's hypotheses, the most promising first; knots equally spaced in time."""
+    from drake_gnnocp.learning.predict import guesses
+
+    return [Guess(each) for each in guesses(load_network(options.weights), scenario, options.n_knots)]
 
 
 def hybrid_astar_guess(scenario: Scenario, options: GuessOptions, deadline: float) -> Guess:
@@ -77,4 +115,3 @@ def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:
     states = np.zeros((options.n_knots, 5))
     states[:, :3] = start + (t / duration)[:, None] * change
     return Guess(Trajectory(t, states, np.zeros((options.n_knots, 2))))
-

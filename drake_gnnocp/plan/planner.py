@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from drake_gnnocp.plan.guess import (
     Guess,
     GuessOptions,
     check_available,
+    gnn_guesses,
     hybrid_astar_guess,
     straight_guess,
 )
@@ -39,6 +41,9 @@ class PlanOptions:
     refine: RefineOptions = field(default_factory=RefineOptions)
     slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
     retry_slack: float = 1.6  # the same where the first attempt gave no verified plan
+    hypotheses: int = 3  # of the network, tried one after the other with the guess "gnn"
+    hypotheses_first: int = 1  # the same with "auto", before Hybrid A* is asked
+    learned_share: float = 0.25  # of the time that is left, for each of them at most
 
 
 def plan(
@@ -60,14 +65,14 @@ def plan(
     Raises:
         ValueError: guess, horizon or max_seconds is not one of the above.
     """
-    check_available(guess)
+    options = _with_horizon(options or PlanOptions(), horizon)
+    check_available(guess, options.guess)
     check_horizon(horizon)
     if not max_seconds > 0:
         raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
     begin = time.monotonic()
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     local = scenario.translated(-x0, -y0)
-    options = _with_horizon(options or PlanOptions(), horizon)
     tried = _try_all(local, guess, horizon, options, begin + max_seconds)
     best = _best(tried)
     if best.start is None:  # nothing was found in time: the least there is to show
@@ -106,11 +111,10 @@ class _Strategy:
     make_guess: Callable[[], Guess]
     slack: float  # duration given to the optimiser over the guess's
     share: float = 1.0  # of the time that is left after the guess, to be used at most
+    timed: bool = False  # whether the guess's timing is that of an optimum already
 
 
-def _try_all(
-    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
-) -> list[_Tried]:
+def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float) -> list[_Tried]:
     """Try one strategy after the other until a plan is verified or the time is over."""
     tried = []
     for strategy in _strategies(scenario, guess, horizon, options, deadline):
@@ -129,6 +133,10 @@ def _strategies(
     if guess == "straight":
         yield straight
         return
+    if guess in ("auto", "gnn"):
+        yield from _learned_strategies(scenario, guess, options)
+    if guess == "gnn":
+        return
     now = time.monotonic()
     found: list[Guess] = []  # the search is deterministic: a second attempt takes its path again
 
@@ -145,9 +153,26 @@ def _strategies(
         yield _Strategy("hybrid_astar", searched, options.retry_slack)
 
 
-def _try(
-    scenario: Scenario, strategy: _Strategy, horizon: Horizon, options: PlanOptions, deadline: float
-) -> _Tried:
+def _learned_strategies(scenario: Scenario, guess: str, options: PlanOptions) -> Iterator[_Strategy]:
+    """The network's best hypotheses, the first of which takes the time of making all."""
+    made: list[Guess] = []
+
+    def first() -> Guess:
+        made.extend(gnn_guesses(scenario, options.guess))
+        return made[0]
+
+    learned = _Strategy("gnn", first, slack=1.0, share=options.learned_share, timed=True)
+    yield learned
+    tries = options.hypotheses if guess == "gnn" else options.hypotheses_first
+    for other in made[1:tries]:
+        yield replace(learned, make_guess=partial(_same, other))
+
+
+def _same(guess: Guess) -> Guess:
+    return guess
+
+
+def _try(scenario: Scenario, strategy: _Strategy, horizon: Horizon, options: PlanOptions, deadline: float) -> _Tried:
     begin = time.monotonic()
     made = strategy.make_guess()
     start = made.trajectory
@@ -158,7 +183,11 @@ def _try(
     if reason:
         return _Tried(_unsolved(strategy, time.monotonic() - begin, reason), start)
     # with a free horizon plans end near the limits, where the speed planner's timing already is
-    start = with_duration(start, duration) if horizon == "free" else gently_timed(start, duration, scenario.vehicle)
+    start = (
+        with_duration(start, duration)
+        if horizon == "free" or strategy.timed
+        else gently_timed(start, duration, scenario.vehicle)
+    )
     now = time.monotonic()
     left = deadline - now
     seconds = max(strategy.share * left, min(left, LEAST_SECONDS))

@@ -1,0 +1,1 @@
+"""The training data: verified trajectories of random tasks."""

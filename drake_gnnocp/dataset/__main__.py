@@ -1,0 +1,91 @@
+"""Make the dataset from the command line: `python -m drake_gnnocp.dataset`."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate
+from drake_gnnocp.single_thread import single_threaded_children
+from drake_gnnocp.tasks.place import KINDS
+
+DONE = 0
+DEFAULTS = DatasetSettings()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.dataset",
+        description="Draw random maps and tasks, solve each by Hybrid A* and optimal control, keep the verified plans. "
+        "What is in the folder already is not made again: a run that was stopped goes on.",
+        epilog="Exit code: 0 done; 2 bad input. The whole takes about 3 hours on 2 cores.",
+    )
+    add = parser.add_argument
+    add("--maps", type=_count, default=DEFAULTS.maps, metavar="N", help="number of maps (default: %(default)s)")
+    pairs = "pairs of start and goal on each map (default: %(default)s)"
+    add("--pairs", type=_count, default=DEFAULTS.pairs, metavar="N", help=pairs)
+    add("--seed", type=_count, default=DEFAULTS.seed, metavar="N", help="seed of everything (default: %(default)s)")
+    add(
+        "--kinds",
+        nargs="+",
+        choices=KINDS,
+        default=list(KINDS),
+        help="make only maps of these kinds now (default: all)",
+    )
+    add(
+        "--jobs",
+        type=_count,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: %(default)s, the cores)",
+    )
+    add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
+    out = Path("artifacts") / "dataset"
+    add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
+    return int(text)
+
+
+@contextmanager
+def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
+    if dask is None:
+        with single_threaded_children(), ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor:
+            yield executor
+        return
+    from distributed import Client  # an extra: most users need one machine
+
+    with Client(dask) as client:
+        yield client.get_executor(pure=False)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments and make what is missing; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
+    try:
+        with _executor(max(1, arguments.jobs), arguments.dask) as executor:
+            generate(settings, tuple(arguments.kinds), arguments.out, executor)
+    except DatasetError as error:
+        print(error, file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"--out: {error.filename or arguments.out}: {error.strerror or error}", file=sys.stderr)
+        return BAD_INPUT
+    print(f"written to {arguments.out}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,131 @@
+"""The dataset made map by map: by any executor, resumable at any time.
+
+A finished map is a file in `parts/`; when all maps of a shard are there, they become one file in `shards/`. A run that
+is killed loses the maps it was working on, no more.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drake_gnnocp.dataset.label import KEPT, LabelOptions, label
+from drake_gnnocp.dataset.records import MapRecord, load_records, save_records
+from drake_gnnocp.tasks.draw import draw_place, draw_tasks, kind_of
+from drake_gnnocp.trajectory import write_atomically
+
+logger = logging.getLogger(__name__)
+
+MAPS_PER_SHARD = 20
+
+
+class DatasetError(ValueError):
+    """A folder does not hold the dataset it should; the message names the file."""
+
+
+@dataclass(frozen=True)
+class DatasetSettings:
+    """What is drawn; the numbers are the paper's."""
+
+    seed: int = 0
+    maps: int = 800
+    pairs: int = 15  # of start and goal, on each map
+
+
+def generate(settings: DatasetSettings, kinds: tuple[str, ...], folder: Path, executor: Executor) -> None:
+    """Make the maps that are not in the folder yet.
+
+    Args:
+        settings: what is drawn; those of the folder, where it holds a dataset already.
+        kinds: of the maps to make now.
+        folder: of the dataset; made where it is missing.
+        executor: any with the interface of `concurrent.futures`; maps are its jobs.
+
+    Raises:
+        DatasetError: the folder holds a dataset with other settings.
+        OSError: the folder cannot be written.
+    """
+    for name in ("parts", "shards"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    check_settings(folder, settings)
+    missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
+    jobs: dict[Future[MapRecord], int] = {executor.submit(make_map, settings, index): index for index in missing}
+    attempted = kept = 0
+    with tqdm(total=len(jobs), unit="map", smoothing=0.05) as progress:
+        for job in as_completed(jobs):
+            record = job.result()
+            save_records(_part(folder, record.index), [record])
+            _merge(folder, settings, record.index // MAPS_PER_SHARD)
+            attempted += len(record.labels)
+            kept += sum(each.outcome == KEPT for each in record.labels)
+            progress.update()
+            progress.set_postfix_str(f"kept {kept} of {attempted}")
+
+
+def make_map(settings: DatasetSettings, index: int) -> MapRecord:
+    """Draw map `index` and solve its tasks; called in the executor's workers."""
+    place = draw_place(settings.seed, index)
+    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
+    return MapRecord(index, place, tuple(tasks), tuple(label(task, LabelOptions()) for task in tasks))
+
+
+def load_dataset(folder: Path) -> Iterator[MapRecord]:
+    """All maps of a dataset, those of unfinished shards too, in the order of their files.
+
+    Raises:
+        DatasetError: there is no dataset, or a file of it cannot be read.
+    """
+    files = [*sorted((folder / "shards").glob("*.npz")), *sorted((folder / "parts").glob("*.npz"))]
+    if not files:
+        raise DatasetError(f"{folder}: no dataset here; make one with python -m drake_gnnocp.dataset --out {folder}")
+    for path in files:
+        try:
+            records = load_records(path)
+        except (OSError, KeyError, ValueError) as error:
+            raise DatasetError(f"{path}: {error}") from None
+        yield from records
+
+
+def check_settings(folder: Path, settings: DatasetSettings) -> None:
+    """Write the settings of a new dataset, or see that they are those of the folder.
+
+    Raises:
+        DatasetError: they are not.
+    """
+    path = folder / "settings.json"
+    text = json.dumps(asdict(settings), indent=1) + "\n"
+    if not path.exists():
+        write_atomically(path, text)
+    elif (found := path.read_text(encoding="utf-8", errors="replace")) != text:
+        there = " ".join(found.split())
+        raise DatasetError(f"{path}: the dataset here was made with {there}; choose another --out")
+
+
+def _missing(folder: Path, settings: DatasetSettings) -> list[int]:
+    done = {int(path.stem.split("_")[1]) for path in (folder / "parts").glob("map_*.npz")}
+    for path in (folder / "shards").glob("shard_*.npz"):
+        done.update(_maps_of(settings, int(path.stem.split("_")[1])))
+    return [index for index in range(settings.maps) if index not in done]
+
+
+def _maps_of(settings: DatasetSettings, shard: int) -> range:
+    return range(shard * MAPS_PER_SHARD, min((shard + 1) * MAPS_PER_SHARD, settings.maps))
+
+
+def _part(folder: Path, index: int) -> Path:
+    return folder / "parts" / f"map_{index:05d}.npz"
+
+
+def _merge(folder: Path, settings: DatasetSettings, shard: int) -> None:
+    """Make a shard of its parts, where all are there."""
+    parts = [_part(folder, index) for index in _maps_of(settings, shard)]
+    if all(part.exists() for part in parts):
+        save_records(folder / "shards" / f"shard_{shard:03d}.npz", [load_records(part)[0] for part in parts])
+        for part in parts:
+            part.unlink()

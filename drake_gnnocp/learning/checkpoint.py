@@ -1,0 +1,69 @@
+"""Weights on disk: with the configuration of their network, loaded without running code from the file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
+from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+
+CONFIGS = ("default", "paper")
+Network = TrajectoryNetwork | PaperNetwork
+
+
+class WeightsError(ValueError):
+    """A file does not hold weights of this package's networks; the message names it."""
+
+
+def new_network(kind: str) -> Network:
+    """An untrained network of one of CONFIGS."""
+    return TrajectoryNetwork(NetworkConfig()) if kind == "default" else PaperNetwork(PaperConfig())
+
+
+def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:
+    """Write weights and configuration, and what else is to be known of them (texts and numbers)."""
+    kind = "default" if isinstance(network, TrajectoryNetwork) else "paper"
+    content = {"kind": kind, "config": asdict(network.config), "about": about, "weights": network.state_dict()}
+    save_atomically(path, content)
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, in one short line."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+
+
+def save_atomically(path: Path, content: dict[str, Any]) -> None:
+    """`torch.save` to a temporary file beside path, then rename."""
+    temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
+    try:
+        torch.save(content, temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
+    """The network in a file, ready for use, and what is to be known of it.
+
+    Raises:
+        WeightsError: the file cannot be read, or is something else.
+    """
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        config = content["config"]
+        network: Network
+        if content["kind"] == "default":
+            network = TrajectoryNetwork(NetworkConfig(**config))
+        else:
+            network = PaperNetwork(PaperConfig(**config))
+        network.load_state_dict(content["weights"])
+    except OSError as error:
+        raise WeightsError(f"{path}: {error.strerror}") from None
+    except Exception as error:  # torch's own errors for other files have no common class
+        raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
+    return network.eval(), content["about"]

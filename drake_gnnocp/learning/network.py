@@ -1,0 +1,284 @@
+r"""The network of the `default` configuration, top-down: from a scene to several trajectories with a score each.
+
+1. `ObstacleEncoder`: the vectors of an obstacle, seen from start and from goal, become one token (subgraphs, as in the
+   paper).
+2. A transformer over the task's token and the obstacles' (the paper's global graph, with attention).
+3. `Proposer`: K hypotheses look at the tokens; each predicts T points, a duration and a score. Solutions are multimodal
+   (left or right of an obstacle, forwards or backwards first), and one regression would average them.
+4. `Refiner`, several times: what lies around every point (nearest points of all obstacles in the car's frame, the error
+   of the kinematic model to its neighbours) corrects the point; convolutions along the trajectory keep it together.
+
+Limits hold by construction: |v| <= v_max and |phi| <= phi_max by tanh; both ends are exact.
+
+Shapes: B scenes, J obstacles, E edges, K hypotheses, T points, D width. Lengths are in units of LENGTH.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from drake_gnnocp.learning.scene import Scene, with_obstacles
+from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
+from drake_gnnocp.vehicle import State, Vehicle
+
+LENGTH = 10.0  # m, unit of lengths inside the network
+NEIGHBOURS = 16  # obstacles a refinement looks at: those nearest to the trajectory
+USUAL_VEHICLE = torch.tensor(list(Vehicle().to_dict().values()))
+POSE, MOTION = slice(State.X, State.V), slice(State.V, State.PHI + 1)
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Sizes of the network."""
+
+    points: int = 30  # T, predicted points of a trajectory (the paper's N_out)
+    width: int = 128  # D
+    heads: int = 4  # of the attention
+    encoder_layers: int = 3  # of the transformer over obstacles
+    proposer_layers: int = 2  # of the transformer from hypotheses to obstacles
+    hypotheses: int = 8  # K
+    refinements: int = 2
+    channels: int = 96  # of the convolutions along a trajectory
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """K trajectories of each of B scenes, in the frames of the starts."""
+
+    states: Tensor  # (B, K, T, 5) x, y, theta, v, phi at equal steps [m, m, rad, m/s, rad]
+    duration: Tensor  # (B, K) [s]
+    score: Tensor  # (B, K) logits: how likely each is the one to take
+
+
+def mlp(*sizes: int) -> nn.Sequential:
+    """Linear layers with ReLU in between."""
+    layers: list[nn.Module] = []
+    for before, after in zip(sizes, sizes[1:], strict=False):
+        layers += [nn.Linear(before, after), nn.ReLU()]
+    return nn.Sequential(*layers[:-1])
+
+
+class ObstacleEncoder(nn.Module):
+    """Vectors of every obstacle to one token."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = mlp(8, width, width)
+        self.second = mlp(2 * width, width, width)
+
+    def forward(self, edges: Tensor, mask: Tensor, goal: Tensor) -> Tensor:
+        """Tokens (B, J, D) of edges (B, J, E, 4)."""
+        seen = torch.cat([edges, from_goal(edges, goal)], dim=-1) / LENGTH  # (B, J, E, 8)
+        hidden = self.first(seen)
+        pooled = masked_max(hidden, mask)[:, :, None].expand_as(hidden)
+        return masked_max(self.second(torch.cat([hidden, pooled], dim=-1)), mask)
+
+
+def masked_max(values: Tensor, mask: Tensor) -> Tensor:
+    """Largest of values (..., E, D) where mask (..., E) is True; 0 where none is."""
+    largest = values.masked_fill(~mask[..., None], -torch.inf).amax(dim=-2)
+    return torch.where(mask.any(dim=-1)[..., None], largest, 0.0)
+
+
+def from_goal(points: Tensor, goal: Tensor) -> Tensor:
+    """Points (B, ..., 2n) [m] in the start's frame seen from the goal (B, 3)."""
+    pairs = points.reshape(len(points), -1, 2) - goal[:, None, :2]
+    cos, sin = torch.cos(goal[:, None, 2]), torch.sin(goal[:, None, 2])
+    x, y = cos * pairs[..., 0] + sin * pairs[..., 1], cos * pairs[..., 1] - sin * pairs[..., 0]
+    return torch.stack([x, y], dim=-1).reshape(points.shape)
+
+
+def task_features(scene: Scene) -> Tensor:
+    """Goal and vehicle: (B, 17)."""
+    x, y, theta = scene.goal.unbind(dim=1)
+    distance = torch.hypot(x, y)
+    start = from_goal(torch.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
+    pose = torch.stack([x, y, start[:, 0], start[:, 1], distance], dim=1) / LENGTH
+    angles = torch.stack([torch.cos(theta), torch.sin(theta), theta, torch.log1p(distance)], dim=1)
+    return torch.cat([pose, angles, 5 * (scene.vehicle / USUAL_VEHICLE.to(scene.vehicle) - 1)], dim=1)
+
+
+class Proposer(nn.Module):
+    """Tokens to K trajectories."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.queries = nn.Parameter(torch.randn(config.hypotheses, config.width) * 0.5)
+        layer = nn.TransformerDecoderLayer(
+            config.width, config.heads, 2 * config.width, dropout=0.0, batch_first=True, norm_first=True
+        )
+        self.layers = nn.TransformerDecoder(layer, config.proposer_layers)
+        self.head = mlp(config.width, 2 * config.width, config.points * 5 + 2)
+
+    def forward(self, tokens: Tensor, mask: Tensor, scene: Scene) -> tuple[Prediction, Tensor]:
+        """K trajectories of tokens (B, 1 + J, D), and what the hypotheses know (B, K, D)."""
+        query = self.queries + tokens[:, :1]  # (B, K, D)
+        latent = self.layers(query, tokens, memory_key_padding_mask=~mask)
+        out = self.head(latent)  # (B, K, 5 T + 2)
+        raw = out[..., :-2].unflatten(-1, (self.config.points, 5))
+        distance = torch.linalg.norm(scene.goal[:, None, :2], dim=-1)
+        duration = torch.exp(out[..., -2].clamp(-3.0, 3.0)) * (6.0 + distance)  # a car at about 1 m/s
+        return Prediction(
+            composed(raw, straight_line(scene, self.config.points), scene), duration, out[..., -1]
+        ), latent
+
+
+def straight_line(scene: Scene, points: int) -> Tensor:
+    """What trajectories are counted from: the straight line to the goal, (B, 1, T, 5) without speed and steering."""
+    u = torch.linspace(0.0, 1.0, points)
+    line = torch.zeros(len(scene), 1, points, 5)
+    line[:, 0, :, :3] = u[:, None] * scene.goal[:, None]
+    return line
+
+
+def composed(raw: Tensor, base: Tensor, scene: Scene) -> Tensor:
+    """States (B, K, T, 5): base states and raw corrections (B, K, T, 5), within the limits and with exact ends.
+
+    Positions are corrected in units of LENGTH, headings in rad, v and phi on a tanh scale of their limits.
+    """
+    limits = scene.vehicle[:, None, None, [4, 6]]  # v_max, phi_max
+    pose = base[..., POSE] + raw[..., POSE] * raw.new_tensor([LENGTH, LENGTH, 1.0])
+    before = torch.atanh((base[..., MOTION] / limits).clamp(-0.999, 0.999))
+    motion = limits * torch.tanh(before + raw[..., MOTION])
+    states = torch.cat([pose, motion], dim=-1)
+    goal = scene.goal[:, None]
+    # the goal's heading in the turn that the trajectory arrives in
+    turns = torch.round((pose[..., -1, 2] - goal[..., 2]) / (2 * math.pi)).detach()
+    end = torch.zeros_like(states[..., :1, :])
+    end[..., 0, :3] = goal
+    end[..., 0, State.THETA] += 2 * math.pi * turns
+    return torch.cat([torch.zeros_like(end), states[..., 1:-1, :], end], dim=-2)
+
+
+class Refiner(nn.Module):
+    """Corrects one trajectory a scene by what lies around its points."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        c = config.channels
+        self.around = mlp(SURROUNDINGS + config.width // 4, c // 2, c // 2)
+        self.token = nn.Linear(config.width, config.width // 4)
+        self.latent = nn.Linear(config.width, c)
+        self.enter = nn.Linear(POINT_FEATURES + c // 2, c)
+        self.blocks = nn.ModuleList(nn.Conv1d(c, c, 5, padding=2 * d, dilation=d) for d in (1, 2, 4, 1, 2, 4))
+        self.norms = nn.ModuleList(nn.LayerNorm(c) for _ in self.blocks)
+        self.leave = nn.Linear(c, 5)
+        self.last = nn.Linear(c, 1)
+        for layer in (self.leave, self.last):
+            nn.init.zeros_(layer.weight)
+            nn.init.zeros_(layer.bias)
+
+    def forward(
+        self, states: Tensor, duration: Tensor, latent: Tensor, tokens: Tensor, scene: Scene
+    ) -> tuple[Tensor, Tensor]:
+        """Better states (B, T, 5) and durations (B,) of states (B, T, 5), with latents (B, D), tokens (B, J, D)."""
+        which = nearest_obstacles(states[..., POSE], scene, NEIGHBOURS)
+        scene, tokens = with_obstacles(scene, which), tokens[torch.arange(len(scene))[:, None], which]
+        near = surroundings(states[..., POSE], scene)  # (B, T, J, SURROUNDINGS)
+        token = self.token(tokens)[:, None].expand(-1, near.shape[1], -1, -1)
+        around = masked_max(self.around(torch.cat([near, token], dim=-1)), scene.mask.any(dim=-1)[:, None])
+        features = point_features(states, duration, scene)
+        x = self.enter(torch.cat([features, around], dim=-1)) + self.latent(latent)[:, None]  # (B, T, C)
+        for block, norm in zip(self.blocks, self.norms, strict=True):
+            x = x + torch.relu(block(norm(x).transpose(1, 2)).transpose(1, 2))
+        raw = self.leave(x)[:, None]  # (B, 1, T, 5)
+        better = composed(raw, states[:, None], scene)[:, 0]
+        return better, duration * torch.exp(self.last(x.mean(dim=1))[:, 0].clamp(-1.0, 1.0))
+
+
+POINT_FEATURES = 28
+
+
+def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
+    """What a point knows of itself and of its neighbours: (B, T, POINT_FEATURES)."""
+    n = states.shape[1]
+    dt = (duration / (n - 1))[:, None]
+    x, y, theta, v, phi = states.unbind(dim=-1)
+    gap = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
+    zero = torch.zeros_like(gap[:, :1])
+    before, after = torch.cat([zero, gap], dim=1), torch.cat([gap, zero], dim=1)
+    goal = from_goal(states[..., :2], scene.goal)
+    turn = theta - scene.goal[:, 2:]
+    v_max, phi_max = scene.vehicle[:, 4:5], scene.vehicle[:, 6:7]
+    u = torch.linspace(0.0, 1.0, n).expand_as(x)
+    change = torch.diff(states, dim=1, prepend=states[:, :1])[..., 3:]
+    columns = [
+        x / LENGTH, y / LENGTH, goal[..., 0] / LENGTH, goal[..., 1] / LENGTH, torch.cos(theta), torch.sin(theta),
+        torch.cos(turn), torch.sin(turn), theta, v / v_max, phi / phi_max, torch.log(dt).expand_as(x), dt * v,
+        u, u * (1 - u), torch.cos(math.pi * u), torch.cos(2 * math.pi * u), torch.sin(2 * math.pi * u),
+        torch.cos(4 * math.pi * u), torch.sin(4 * math.pi * u), change[..., 0], change[..., 1],
+    ]  # fmt: skip
+    return torch.cat([torch.stack(columns, dim=-1), before, after], dim=-1)
+
+
+def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
+    """Error of the kinematic model between points, in the car's frame: (..., T - 1, 3) along, across, turn [m, m, rad].
+
+    Args:
+        states: (B, ..., T, 5).
+        duration: (B, ...) [s].
+        vehicle: (B, 8).
+    """
+    dt = (duration / (states.shape[-2] - 1))[..., None]
+    left, right = states[..., :-1, :], states[..., 1:, :]
+    wheelbase = vehicle[:, 0].reshape(-1, *[1] * (states.dim() - 2))
+    mean = (left + right) / 2
+    theta, v = mean[..., State.THETA], mean[..., State.V]
+    turn = left[..., State.V] * torch.tan(left[..., State.PHI]) + right[..., State.V] * torch.tan(right[..., State.PHI])
+    step = right - left
+    cos, sin = torch.cos(theta), torch.sin(theta)
+    along = cos * step[..., 0] + sin * step[..., 1] - v * dt
+    across = cos * step[..., 1] - sin * step[..., 0]
+    return torch.stack([along, across, step[..., 2] - turn / (2 * wheelbase) * dt], dim=-1)
+
+
+class TrajectoryNetwork(nn.Module):
+    """The network of the `default` configuration."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        self.obstacles = ObstacleEncoder(width)
+        self.task = mlp(17, width, width)
+        layer = nn.TransformerEncoderLayer(width, config.heads, 2 * width, 0.0, batch_first=True, norm_first=True)
+        self.encoder = nn.TransformerEncoder(layer, config.encoder_layers, enable_nested_tensor=False)
+        self.proposer = Proposer(config)
+        self.refiners = nn.ModuleList(Refiner(config) for _ in range(config.refinements))
+
+    def propose(self, scene: Scene) -> tuple[Prediction, Tensor, Tensor]:
+        """K unrefined trajectories, what the hypotheses know (B, K, D), and the obstacles' tokens (B, J, D)."""
+        obstacles = self.obstacles(scene.edges, scene.mask, scene.goal)  # (B, J, D)
+        tokens = torch.cat([self.task(task_features(scene))[:, None], obstacles], dim=1)  # (B, 1 + J, D)
+        here = scene.mask.any(dim=-1)  # (B, J)
+        mask = torch.cat([torch.ones_like(here[:, :1]), here], dim=1)
+        tokens = self.encoder(tokens, src_key_padding_mask=~mask)
+        proposed, latent = self.proposer(tokens, mask, scene)
+        return proposed, latent, tokens[:, 1:]
+
+    def refine(
+        self, states: Tensor, duration: Tensor, latent: Tensor, tokens: Tensor, scene: Scene
+    ) -> list[tuple[Tensor, Tensor]]:
+        """States (B, T, 5) and durations (B,) after each refinement of one trajectory a scene."""
+        steps = []
+        for refiner in self.refiners:
+            # every refinement answers for what it was given, not for how that came about
+            states, duration = refiner(states.detach(), duration.detach(), latent, tokens, scene)
+            steps.append((states, duration))
+        return steps
+
+    def forward(self, scene: Scene) -> Prediction:
+        """K refined trajectories of every scene."""
+        proposed, latent, tokens = self.propose(scene)
+        b, k = proposed.score.shape
+        rows = torch.arange(b).repeat_interleave(k)
+        states, duration = proposed.states.flatten(0, 1), proposed.duration.flatten()
+        steps = self.refine(states, duration, latent.flatten(0, 1), tokens[rows], scene.subset(rows))
+        if steps:
+            states, duration = steps[-1]
+        return Prediction(states.unflatten(0, (b, k)), duration.unflatten(0, (b, k)), proposed.score)

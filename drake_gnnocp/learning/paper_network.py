@@ -1,0 +1,111 @@
+r"""The network of the paper (configuration `paper`), in pure torch, dense and masked.
+
+Every obstacle is a subgraph of its vectors, start and goal are one more subgraph. Three layers of
+
+    G^(l+1) = concat(mlp(G^(l)), agg(mlp(G^(l))))                                        (eq. 1)
+
+with max aggregation, max pooling of every subgraph (eq. 2), three rounds of the same on the graph of all subgraphs, and
+five parallel heads for x, y, theta, v and phi at 30 points. The paper's durations are constant; ours follow from the
+prediction: the length of the path over the mean speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import smooth_l1_loss
+
+from drake_gnnocp.learning.losses import LossParts
+from drake_gnnocp.learning.network import LENGTH, Prediction, masked_max, mlp
+from drake_gnnocp.learning.scene import Scene
+from drake_gnnocp.vehicle import State
+
+SLOWEST = 0.05  # m/s, least mean speed a duration is computed with
+KIND_OF_STATE, KIND_OF_OBSTACLE = 1.0, 0.0
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """Sizes of the network, the paper's."""
+
+    points: int = 30  # N_out
+    hidden: int = 128  # neurons of the hidden layers
+    subgraph_layers: int = 3
+    graph_rounds: int = 3
+
+
+class Fusion(nn.Module):
+    """One round of eq. 1 on nodes (..., N, inputs): (..., N, 2 hidden)."""
+
+    def __init__(self, inputs: int, hidden: int) -> None:
+        super().__init__()
+        self.mlp = mlp(inputs, hidden, hidden, hidden)
+
+    def forward(self, nodes: Tensor, mask: Tensor) -> Tensor:
+        """Own features beside those of all nodes of the graph, of nodes with mask (..., N)."""
+        own = self.mlp(nodes)
+        return torch.cat([own, masked_max(own, mask)[..., None, :].expand_as(own)], dim=-1)
+
+
+class PaperNetwork(nn.Module):
+    """The paper's network."""
+
+    def __init__(self, config: PaperConfig) -> None:
+        super().__init__()
+        self.config = config
+        wide = 2 * config.hidden
+        self.subgraph = nn.ModuleList(
+            Fusion(6 if layer == 0 else wide, config.hidden) for layer in range(config.subgraph_layers)
+        )
+        self.graph = nn.ModuleList(Fusion(wide, config.hidden) for _ in range(config.graph_rounds))
+        self.heads = nn.ModuleList(mlp(wide, config.hidden, config.hidden, config.points) for _ in State)
+
+    def forward(self, scene: Scene) -> Prediction:
+        """One trajectory a scene (K = 1)."""
+        vectors, mask = task_graph(scene)  # (B, 1 + J, E, 6)
+        for layer in self.subgraph:
+            vectors = layer(vectors, mask)
+        nodes, here = masked_max(vectors, mask), mask.any(dim=-1)  # (B, 1 + J, 2 hidden)
+        for layer in self.graph:
+            nodes = layer(nodes, here)
+        feature = masked_max(nodes, here)  # (B, 2 hidden)
+        columns = torch.stack([head(feature) for head in self.heads], dim=-1)  # (B, T, 5)
+        states = columns * columns.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
+        return Prediction(states[:, None], _duration(states)[:, None], states.new_zeros(len(scene), 1))
+
+    def loss(self, scene: Scene, states: Tensor, duration: Tensor) -> LossParts:
+        """Regression of the five variables; `duration` is not learned."""
+        found = self(scene).states[:, 0]
+        unit = found.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
+        loss = smooth_l1_loss(found / unit, states / unit, beta=0.1)
+        position = torch.linalg.norm((found - states)[..., :2], dim=-1).mean()
+        return {"loss": loss, "position": position.detach()}
+
+
+def _duration(states: Tensor) -> Tensor:
+    """Length of the path over the mean speed, (B,) [s], of states (B, T, 5)."""
+    length = torch.linalg.norm(torch.diff(states[..., :2], dim=1), dim=-1).sum(dim=1)
+    return length / states[..., State.V].abs().mean(dim=1).clamp(min=SLOWEST)
+
+
+def task_graph(scene: Scene) -> tuple[Tensor, Tensor]:
+    """Vectors of the state subgraph and of all obstacles: (B, 1 + J, max(E, 2), 6) and their mask.
+
+    Obstacle vectors are tail and head; start and goal are position, cosine and sine of the heading; both carry their
+    kind.
+    """
+    b, j, e, _ = scene.edges.shape
+    edges = scene.edges.new_zeros(b, 1 + j, max(e, 2), 6)
+    mask = torch.zeros(b, 1 + j, max(e, 2), dtype=torch.bool)
+    edges[:, 1:, :e, :4] = scene.edges / LENGTH
+    edges[:, 1:, :, 4] = KIND_OF_OBSTACLE
+    mask[:, 1:, :e] = scene.mask
+    x, y, theta = scene.goal.unbind(dim=1)
+    edges[:, 0, 0, 2] = 1.0  # the start: the origin, heading 0
+    edges[:, 0, 1, :4] = torch.stack([x / LENGTH, y / LENGTH, torch.cos(theta), torch.sin(theta)], dim=1)
+    edges[:, 0, :2, 4] = KIND_OF_STATE
+    edges[:, 0, 1, 5] = 1.0  # which of the two it is
+    mask[:, 0, :2] = True
+    return edges, mask

@@ -1,0 +1,129 @@
+r"""Scenes and trajectories as tensors, seen from the start.
+
+The start pose is the origin of the frame, so a prediction moves with the scene. Obstacles are vectors (edges), as in
+the paper: a vector has a tail and a head, and the vectors of a ring form one subgraph. Bounds are four more subgraphs
+of one vector each. Everything is padded to a batch; masks are True where there is something.
+
+`vectors_of` and `scene_of` are what training and planning share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from shapely.geometry.polygon import orient
+from torch import Tensor
+
+from drake_gnnocp.geometry import polygons_of
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.vehicle import State, Vehicle
+
+
+@dataclass(frozen=True)
+class Scene:
+    """B scenes in the frames of their starts. J obstacles, E edges each."""
+
+    edges: Tensor  # (B, J, E, 4) tail x, y, head x, y [m], counter-clockwise
+    mask: Tensor  # (B, J, E) bool, True where there is an edge
+    goal: Tensor  # (B, 3) x, y, theta [m, m, rad]
+    vehicle: Tensor  # (B, 8) the vehicle's parameters in the order of `Vehicle`
+
+    def __len__(self) -> int:
+        return len(self.goal)
+
+    def subset(self, rows: Tensor) -> Scene:
+        """Some of the scenes."""
+        return Scene(*(getattr(self, field.name)[rows] for field in fields(Scene)))
+
+
+def with_obstacles(scene: Scene, which: Tensor) -> Scene:
+    """The scenes with some of their obstacles (B, J')."""
+    rows = torch.arange(len(scene))[:, None]
+    return Scene(scene.edges[rows, which], scene.mask[rows, which], scene.goal, scene.vehicle)
+
+
+def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """The obstacles and bounds of a scenario as vectors in its own frame.
+
+    Returns:
+        (J, E, 4) tail x, y, head x, y [m] and (J, E) bool. Rings go counter-clockwise; repeated vertices are left out.
+    """
+    groups = []
+    for ring in scenario.obstacles:
+        for polygon in map(orient, polygons_of(ring)):
+            for outline in (polygon.exterior, *polygon.interiors):
+                corners = np.array(outline.coords)
+                groups.append(np.hstack([corners[:-1], corners[1:]]))
+    if scenario.bounds is not None:
+        xmin, xmax, ymin, ymax = scenario.bounds
+        # the free side is on the right of every vector, as it is for rings
+        walls = [(xmin, ymin, xmin, ymax), (xmin, ymax, xmax, ymax), (xmax, ymax, xmax, ymin), (xmax, ymin, xmin, ymin)]
+        groups.extend(np.array([wall]) for wall in walls)
+    return padded(groups)
+
+
+def padded(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Groups of edges (E_j, 4) as one array (J, E, 4) and its mask (J, E); at least one of each, if only padding."""
+    most = max([1, *(len(group) for group in groups)])
+    edges, mask = np.zeros((max(1, len(groups)), most, 4)), np.zeros((max(1, len(groups)), most), dtype=bool)
+    for j, group in enumerate(groups):
+        edges[j, : len(group)], mask[j, : len(group)] = group, True
+    return edges, mask
+
+
+def vehicle_row(vehicle: Vehicle) -> list[float]:
+    """The parameters of a vehicle in their order."""
+    return list(vehicle.to_dict().values())
+
+
+def scene_of(scenario: Scenario) -> Scene:
+    """One scenario as a batch of one scene, in the frame of its start."""
+    edges, mask = vectors_of(scenario)
+    x, y, theta = scenario.start
+    local = into_frame(torch.as_tensor(edges[None]), torch.as_tensor(scenario.start[None]))
+    dx, dy = scenario.goal[:2] - (x, y)
+    cos, sin = math.cos(theta), math.sin(theta)
+    turn = math.remainder(scenario.goal[2] - theta, 2 * math.pi)
+    goal = torch.tensor([[cos * dx + sin * dy, cos * dy - sin * dx, turn]])
+    vehicle = torch.tensor([vehicle_row(scenario.vehicle)])
+    return Scene(local.float(), torch.as_tensor(mask[None]), goal.float(), vehicle.float())
+
+
+def into_frame(points: Tensor, frames: Tensor) -> Tensor:
+    """Points (B, ..., 2n), pairs of x and y [m], seen from frames (B, 3) x, y, theta [m, m, rad]."""
+    shape = points.shape
+    pairs = points.reshape(shape[0], -1, 2) - frames[:, None, :2]
+    cos, sin = torch.cos(frames[:, None, 2]), torch.sin(frames[:, None, 2])
+    x = cos * pairs[..., 0] + sin * pairs[..., 1]
+    y = cos * pairs[..., 1] - sin * pairs[..., 0]
+    return torch.stack([x, y], dim=-1).reshape(shape)
+
+
+def states_into_frame(states: Tensor, frames: Tensor) -> Tensor:
+    """States (B, T, 5) seen from frames (B, 3): positions turned and moved, headings counted from the frame's."""
+    moved = states.clone()
+    moved[..., : State.THETA] = into_frame(states[..., : State.THETA], frames)
+    moved[..., State.THETA] = states[..., State.THETA] - frames[:, None, 2]
+    return moved
+
+
+def mirrored(scene: Scene, states: Tensor) -> tuple[Scene, Tensor]:
+    """Scene and states (B, T, 5) seen in a mirror along the start's heading: left is right."""
+    # tail and head change places, so that rings go counter-clockwise again
+    flip = torch.tensor([1.0, -1.0, 1.0, -1.0])
+    edges = (scene.edges * flip)[..., [2, 3, 0, 1]]
+    goal = scene.goal * torch.tensor([1.0, -1.0, -1.0])
+    signs = torch.ones(5)
+    signs[[State.Y, State.THETA, State.PHI]] = -1.0
+    return Scene(edges, scene.mask, goal, scene.vehicle), states * signs
+
+
+def reversed_in_time(states: Tensor) -> Tensor:
+    """States (B, T, 5) driven backwards in time: from the goal to the start, with the opposite speed."""
+    backwards = states.flip(1).clone()
+    backwards[..., State.V] *= -1.0
+    return backwards

@@ -1,0 +1,170 @@
+"""Training: epochs over the dataset, resumable, with the curves of both splits."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from drake_gnnocp.learning.checkpoint import Network, save_atomically
+from drake_gnnocp.learning.losses import LossParts, LossWeights, network_loss
+from drake_gnnocp.learning.network import TrajectoryNetwork
+from drake_gnnocp.learning.samples import Batch, Samples
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How to train; learning rate, batch, epochs and warm-up are the paper's."""
+
+    epochs: int = 200
+    warm_up: int = 50  # epochs in which the learning rate rises to its full size
+    batch: int = 32
+    learning_rate: float = 1e-3
+    cosine: bool = False  # whether the learning rate falls to zero along a cosine after the warm-up
+    weight_decay: float = 0.0
+    largest_gradient: float = math.inf  # norm, longer gradients are shortened
+    seed: int = 0
+
+
+PAPER_TRAINING = TrainingOptions()
+DEFAULT_TRAINING = TrainingOptions(
+    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0
+)
+
+
+@dataclass
+class Progress:
+    """Where a training stands; what is in it can be saved and taken up again."""
+
+    epoch: int  # epochs done
+    rows: list[dict[str, float]]  # of the curves, one an epoch
+
+
+def train(
+    network: Network,
+    training: Samples,
+    validation: Samples,
+    options: TrainingOptions,
+    folder: Path,
+    after_epoch: Callable[[Network, Progress], dict[str, float]],
+) -> Progress:
+    """Train a network, or go on where `folder` says the training was left.
+
+    Args:
+        network: changed in place.
+        training: samples to learn from, mirrored and reversed at random.
+        validation: samples to measure on.
+        options: see `TrainingOptions`.
+        folder: existing one for `last.pt` and `curves.csv`.
+        after_epoch: called after every epoch; what it returns is added to the curves.
+    """
+    optimiser = torch.optim.AdamW(network.parameters(), options.learning_rate, weight_decay=options.weight_decay)
+    progress = _resumed(folder / "last.pt", network, optimiser, options)
+    n_batches = math.ceil(len(training) / options.batch)
+    bar = tqdm(total=options.epochs, initial=progress.epoch, unit="epoch")
+    while progress.epoch < options.epochs:
+        generator = torch.Generator(device=training.duration.device).manual_seed(
+            options.seed * 1_000_003 + progress.epoch
+        )
+        order = torch.randperm(len(training), generator=generator, device=training.duration.device)
+        network.train()
+        sums: dict[str, float] = {}
+        for i, rows in enumerate(order.split(options.batch)):
+            rate = learning_rate(options, progress.epoch + i / n_batches)
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+            parts = loss_of(network, training.random_batch(rows, generator))
+            optimiser.zero_grad()
+            parts["loss"].backward()
+            torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)
+            optimiser.step()
+            _add(sums, parts, len(rows))
+        progress.epoch += 1
+        row = {"epoch": float(progress.epoch)}
+        row |= {f"train_{name}": total / len(training) for name, total in sums.items()}
+        row |= {f"validation_{name}": value for name, value in evaluate(network, validation, options.batch).items()}
+        row |= after_epoch(network, progress)
+        progress.rows.append(row)
+        write_curves(folder / "curves.csv", progress.rows)
+        _save(folder / "last.pt", network, optimiser, options, progress)
+        bar.update()
+        bar.set_postfix_str(f"position error {row['validation_position']:.2f} m")
+    bar.close()
+    return progress
+
+
+def loss_of(network: Network, batch: Batch) -> LossParts:
+    """What is to be minimised, by the network's own rule."""
+    if isinstance(network, TrajectoryNetwork):
+        return network_loss(network, batch.scene, batch.states, batch.duration, LossWeights())
+    return network.loss(batch.scene, batch.states, batch.duration)
+
+
+@torch.inference_mode()
+def evaluate(network: Network, samples: Samples, batch: int) -> dict[str, float]:
+    """Mean of the loss and its parts over samples as they are."""
+    network.eval()
+    sums: dict[str, float] = {}
+    for rows in torch.arange(len(samples), device=samples.duration.device).split(batch):
+        _add(sums, loss_of(network, samples.plain_batch(rows)), len(rows))
+    return {name: total / len(samples) for name, total in sums.items()}
+
+
+def learning_rate(options: TrainingOptions, epoch: float) -> float:
+    """The learning rate at a (fractional) epoch."""
+    if epoch < options.warm_up:
+        return options.learning_rate * max(epoch / options.warm_up, 0.01)
+    if not options.cosine:
+        return options.learning_rate
+    share = (epoch - options.warm_up) / max(options.epochs - options.warm_up, 1e-9)
+    return options.learning_rate * max(0.01, 0.5 * (1 + math.cos(math.pi * share)))
+
+
+def write_curves(path: Path, rows: list[dict[str, float]]) -> None:
+    """One row an epoch; columns that an epoch has no value for are empty."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    temporary = path.with_name(f".{path.name}.tmp")
+    with temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
+    temporary.replace(path)
+
+
+def _add(sums: dict[str, float], parts: dict[str, Tensor], n: int) -> None:
+    for name, value in parts.items():
+        sums[name] = sums.get(name, 0.0) + float(value.detach()) * n
+
+
+def _save(
+    path: Path, network: Network, optimiser: torch.optim.Optimizer, options: TrainingOptions, progress: Progress
+) -> None:
+    content = {
+        "options": asdict(options),
+        "epoch": progress.epoch,
+        "rows": progress.rows,
+        "weights": network.state_dict(),
+        "optimiser": optimiser.state_dict(),
+    }
+    save_atomically(path, content)
+
+
+def _resumed(path: Path, network: Network, optimiser: torch.optim.Optimizer, options: TrainingOptions) -> Progress:
+    if not path.exists():
+        return Progress(0, [])
+    content = torch.load(path, map_location="cpu", weights_only=True)
+    if content["options"] != asdict(options):
+        raise ValueError(f"{path}: the training here was begun with other options; choose another --out or remove it")
+    network.load_state_dict(content["weights"])
+    optimiser.load_state_dict(content["optimiser"])
+    logger.info("going on after epoch %d", content["epoch"])
+    return Progress(content["epoch"], content["rows"])

@@ -1,0 +1,117 @@
+"""Train a network from the command line: `python -m drake_gnnocp.train`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.dataset.generate import DatasetError, load_dataset
+from drake_gnnocp.learning.checkpoint import CONFIGS, Network, new_network, save_weights
+from drake_gnnocp.learning.samples import Samples
+from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, TrainingOptions, train
+from drake_gnnocp.pictures.curves_plot import save_curves_picture
+from drake_gnnocp.plan.quality import planning_quality, validation_tasks
+
+DONE = 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.train",
+        description="Train a network on the dataset. A training that was stopped goes on where it was. Writes last.pt "
+        "(to go on), best.pt (the weights that planned best on validation maps), curves.csv and curves.png.",
+        epilog="Exit code: 0 done; 2 bad input. To use other weights than the package's: "
+        "plan(..., options=PlanOptions(guess=GuessOptions(weights=Path('best.pt')))).",
+    )
+    add = parser.add_argument
+    add("--config", choices=CONFIGS, default="default", help="which network (default: %(default)s)")
+    data = Path("artifacts") / "dataset"
+    add("--data", type=Path, default=data, metavar="DIR", help="folder of the dataset (default: %(default)s)")
+    add("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/training/CONFIG)")
+    add("--epochs", type=_count, metavar="N", help="passes over the dataset (default: the configuration's)")
+    add("--share", type=_share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
+    add("--seed", type=_count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
+    add("--device", default="cpu", metavar="NAME", help="cpu, cuda, ... (default: %(default)s)")
+    add("--threads", type=_count, default=0, metavar="N", help="threads of torch (default: its own choice)")
+    add("--check-every", type=_count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
+    add("--check-tasks", type=_count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
+    return int(text)
+
+
+def _share(text: str) -> float:
+    try:
+        share = float(text)
+    except ValueError:
+        share = -1.0
+    if not 0 < share <= 1:
+        raise argparse.ArgumentTypeError(f"must be above 0 and at most 1, not {text!r}")
+    return share
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments, train and write; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    folder: Path = arguments.out or Path("artifacts") / "training" / arguments.config
+    options = DEFAULT_TRAINING if arguments.config == "default" else PAPER_TRAINING
+    options = replace(options, seed=arguments.seed, epochs=arguments.epochs or options.epochs)
+    if arguments.threads:
+        torch.set_num_threads(arguments.threads)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        torch.set_default_device(arguments.device)
+        run_training(arguments.config, arguments.data, folder, options, arguments)
+    except (DatasetError, ValueError, RuntimeError) as error:
+        print(str(error).splitlines()[0], file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"{error.filename or folder}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    print(f"written to {folder}")
+    return DONE
+
+
+def run_training(
+    config: str, data: Path, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
+) -> Progress:
+    """Train with a check by planning now and then; the best weights are kept."""
+    records = list(load_dataset(data))
+    learned = [record for record in records if record.split == "train"]
+    learned = learned[: max(1, round(arguments.share * len(learned)))]
+    unseen = [record for record in records if record.split == "validation"]
+    torch.manual_seed(options.seed)
+    network = new_network(config)
+    points = network.config.points
+    tasks = validation_tasks(unseen, arguments.check_tasks)
+
+    def after_epoch(network: Network, progress: Progress) -> dict[str, float]:
+        due = progress.epoch % max(1, arguments.check_every) == 0 or progress.epoch == options.epochs
+        if not due or not tasks:
+            return {}
+        quality = planning_quality(network, tasks)
+        best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
+        if quality["plan_badness"] < best:
+            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed} | quality
+            save_weights(folder / "best.pt", network, about)
+        return quality
+
+    training, validation = Samples.of(learned, points), Samples.of(unseen, points)
+    if not len(training) or not len(validation):
+        raise DatasetError(f"{data}: needs trajectories on training and on validation maps")
+    progress = train(network, training, validation, options, folder, after_epoch)
+    save_curves_picture(progress.rows, folder / "curves.png")
+    return progress
+
+
+if __name__ == "__main__":
+    sys.exit(main())

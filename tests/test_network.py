@@ -1,0 +1,218 @@
+"""The networks: what must not matter to them, what must, and that they learn."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from drake_gnnocp.learning.checkpoint import CONFIGS, Network, WeightsError, load_weights, new_network, save_weights
+from drake_gnnocp.learning.losses import LossWeights, clearance_error, kinematic_error, network_loss
+from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork, defects
+from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.samples import Batch
+from drake_gnnocp.learning.scene import Scene, mirrored, scene_of
+from drake_gnnocp.learning.training import loss_of
+from drake_gnnocp.scenario import Scenario, bundled_scenarios
+
+SAME = 2e-3  # m and rad: float32 on tens of metres through some 20 layers
+SCENES = ("map_a", "map_c", "yard", "gate")
+
+
+@pytest.fixture(params=CONFIGS)
+def network(request: pytest.FixtureRequest) -> Network:
+    torch.manual_seed(1)
+    made = new_network(request.param).eval()
+    for parameter in made.parameters():  # some are zero at first and would hide what depends on them
+        torch.nn.init.normal_(parameter, std=0.03) if parameter.abs().sum() == 0 else None
+    return made
+
+
+def known_scenes() -> list[Scenario]:
+    return [Scenario.load(name) for name in SCENES if name in bundled_scenarios()]
+
+
+def predict(network: Network, scenario: Scenario) -> Prediction:
+    with torch.inference_mode():
+        return network(scene_of(scenario))
+
+
+def assert_same(one: Prediction, other: Prediction) -> None:
+    torch.testing.assert_close(one.states, other.states, atol=SAME, rtol=0)
+    torch.testing.assert_close(one.duration, other.duration, atol=SAME, rtol=SAME)
+    torch.testing.assert_close(one.score, other.score, atol=SAME, rtol=0)
+
+
+@pytest.mark.parametrize("scenario", known_scenes(), ids=lambda scenario: scenario.name)
+def test_the_order_of_obstacles_does_not_matter(network: Network, scenario: Scenario) -> None:
+    other = Scenario("other", scenario.start, scenario.goal, scenario.obstacles[::-1], scenario.bounds)
+    assert_same(predict(network, scenario), predict(network, other))
+
+
+@pytest.mark.parametrize("scenario", known_scenes(), ids=lambda scenario: scenario.name)
+def test_the_first_vertex_and_the_orientation_of_a_polygon_do_not_matter(network: Network, scenario: Scenario) -> None:
+    rings = tuple(np.roll(ring, 1, axis=0)[::-1] for ring in scenario.obstacles)
+    other = Scenario("other", scenario.start, scenario.goal, rings, scenario.bounds)
+    assert_same(predict(network, scenario), predict(network, other))
+
+
+def test_padding_does_not_matter(network: Network) -> None:
+    scene = scene_of(Scenario.load("map_a"))
+    b, j, e, _ = scene.edges.shape
+    edges, mask = torch.full((b, j + 5, e + 3, 4), 7.0), torch.zeros(b, j + 5, e + 3, dtype=torch.bool)
+    edges[:, :j, :e], mask[:, :j, :e] = scene.edges, scene.mask
+    with torch.inference_mode():
+        assert_same(network(scene), network(Scene(edges, mask, scene.goal, scene.vehicle)))
+
+
+def test_a_batch_gives_what_its_scenes_give_alone(network: Network) -> None:
+    scene = scene_of(Scenario.load("map_a"))
+    twice = scene.subset(torch.tensor([0, 0]))
+    with torch.inference_mode():
+        alone, both = network(scene), network(twice)
+    assert_same(
+        Prediction(alone.states[0], alone.duration[0], alone.score[0]),
+        Prediction(both.states[1], both.duration[1], both.score[1]),
+    )
+
+
+def test_predictions_move_with_the_scene(network: Network) -> None:
+    scenario = Scenario.load("map_a")
+    turn, shift = 0.7, np.array([3.0, -2.0])
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+
+    def moved(pose: np.ndarray) -> np.ndarray:
+        return np.append(rotation @ pose[:2] + shift, pose[2] + turn)
+
+    rings = tuple(ring @ rotation.T + shift for ring in scenario.obstacles)
+    other = Scenario("moved", moved(scenario.start), moved(scenario.goal), rings)
+    plain = Scenario("plain", scenario.start, scenario.goal, scenario.obstacles)
+    assert_same(predict(network, plain), predict(network, other))
+
+
+def test_scenes_without_obstacles_have_predictions(network: Network) -> None:
+    found = predict(network, Scenario("empty", np.zeros(3), np.array([9.0, 4.0, 1.0])))
+    assert torch.isfinite(found.states).all() and torch.isfinite(found.duration).all()
+
+
+def test_the_default_network_keeps_limits_and_ends() -> None:
+    torch.manual_seed(0)
+    network = TrajectoryNetwork(new_network("default").config)  # type: ignore[arg-type]
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+    scenario = Scenario.load("map_a")
+    states = predict(network, scenario).states
+    goal = scene_of(scenario).goal[0]
+    assert (states[..., 3].abs() <= scenario.vehicle.v_max).all()
+    assert (states[..., 4].abs() <= scenario.vehicle.phi_max).all()
+    assert (states[..., 0, :] == 0).all() and (states[..., -1, 3:] == 0).all()
+    torch.testing.assert_close(states[..., -1, :2], goal[:2].expand_as(states[..., -1, :2]))
+    assert (torch.cos(states[..., -1, 2] - goal[2]) > 1 - SAME**2).all()
+
+
+def driving_in_a_circle(n: int, radius: float, speed: float, duration: float, wheelbase: float) -> torch.Tensor:
+    angle = torch.linspace(0.0, speed * duration / radius, n)
+    states = torch.zeros(1, n, 5)
+    states[0, :, 0], states[0, :, 1], states[0, :, 2] = (
+        radius * torch.sin(angle),
+        radius - radius * torch.cos(angle),
+        angle,
+    )
+    states[0, :, 3], states[0, :, 4] = speed, math.atan(wheelbase / radius)
+    return states
+
+
+def test_driving_in_a_circle_has_no_defects() -> None:
+    states = driving_in_a_circle(200, 6.0, 1.5, 10.0, 2.8)
+    vehicle = scene_of(Scenario.load("map_a")).vehicle
+    assert defects(states, torch.tensor([10.0]), vehicle).abs().max() < 1e-4  # 200 chords of 7.5 cm
+    assert defects(states, torch.tensor([12.0]), vehicle).abs().max() > 1e-2
+
+
+def labelled_batch(n: int, points: int) -> Batch:
+    rng = torch.Generator().manual_seed(0)
+    scene = scene_of(Scenario.load("map_a"))
+    scene = Scene(
+        *(part.expand(n, *part.shape[1:]).clone() for part in (scene.edges, scene.mask, scene.goal, scene.vehicle))
+    )
+    scene.goal[:, :2] += torch.randn(n, 2, generator=rng) * 3
+    u = torch.linspace(0.0, 1.0, points)
+    states = torch.zeros(n, points, 5)
+    states[..., :3] = u[:, None] * scene.goal[:, None]
+    states[..., 1] += (torch.randn(n, 1, generator=rng) * 3) * torch.sin(math.pi * u)
+    states[..., 3] = torch.sin(math.pi * u)
+    return Batch(scene, states, 20 + 5 * torch.rand(n, generator=rng))
+
+
+def test_gradients_reach_all_parameters(network: Network) -> None:
+    loss_of(network, labelled_batch(4, network.config.points))["loss"].backward()
+    unreached = [name for name, parameter in network.named_parameters() if parameter.grad is None]
+    assert unreached == []
+
+
+@pytest.mark.parametrize(
+    "small",
+    [
+        TrajectoryNetwork(NetworkConfig(width=32, channels=32, encoder_layers=1, proposer_layers=1, hypotheses=3)),
+        PaperNetwork(PaperConfig(hidden=32)),
+    ],
+    ids=CONFIGS,
+)
+def test_a_small_network_learns_eight_scenes_by_heart(small: Network) -> None:
+    torch.manual_seed(0)
+    network = copy.deepcopy(small)
+    batch = labelled_batch(8, network.config.points)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+    first = loss_of(network, batch)["position"]
+    for _ in range(100):
+        parts = loss_of(network, batch)
+        optimiser.zero_grad()
+        parts["loss"].backward()
+        optimiser.step()
+    assert parts["position"] < 0.25 * first
+
+
+def test_errors_of_a_mirrored_trajectory_in_a_mirrored_scene_are_the_same() -> None:
+    batch = labelled_batch(4, 30)
+    scene, states = mirrored(batch.scene, batch.states)
+    at_rest = torch.zeros_like(states)
+    for error, other in (
+        (clearance_error(batch.states, at_rest, batch.scene, 0.2), clearance_error(states, at_rest, scene, 0.2)),
+        (kinematic_error(batch.states, batch.duration, batch.scene), kinematic_error(states, batch.duration, scene)),
+    ):
+        torch.testing.assert_close(error, other, atol=1e-5, rtol=0)
+
+
+def test_weights_come_back_from_disk(network: Network, tmp_path: Path) -> None:
+    save_weights(tmp_path / "w.pt", network, {"epoch": 3})
+    found, about = load_weights(tmp_path / "w.pt")
+    assert about == {"epoch": 3}
+    scenario = Scenario.load("map_a")
+    torch.testing.assert_close(predict(found, scenario).states, predict(network, scenario).states, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize("content", [b"", b"not weights", None])
+def test_other_files_are_not_weights(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "w.pt"
+    if content is None:
+        torch.save({"kind": "default", "config": {"size": 3}, "weights": {}}, path)
+    else:
+        path.write_bytes(content)
+    with pytest.raises(WeightsError, match="w.pt"):
+        load_weights(path)
+
+
+def test_the_losses_are_finite_where_a_scene_has_no_obstacles() -> None:
+    torch.manual_seed(0)
+    network = new_network("default")
+    assert isinstance(network, TrajectoryNetwork)
+    scene = scene_of(Scenario("empty", np.zeros(3), np.array([9.0, 4.0, 1.0])))
+    states = torch.zeros(1, 30, 5)
+    parts = network_loss(network, scene, states, torch.tensor([20.0]), LossWeights())
+    parts["loss"].backward()
+    assert torch.isfinite(parts["loss"])
+    assert all(torch.isfinite(p.grad).all() for p in network.parameters() if p.grad is not None)
