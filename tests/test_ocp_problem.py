@@ -213,9 +213,7 @@ def test_costs_of_the_program_are_the_papers_sums() -> None:
     program = MathematicalProgram()
     variables = add_variables(program, len(guess), h, free_horizon=False)
     add_cost(program, variables, centroids, weights)
-    program.SetInitialGuess(
-        variables.knots, np.hstack([guess.states, guess.inputs]) / [100, 100, 100, 100, 100, 1, 1]
-    )
+    program.SetInitialGuess(variables.knots, np.hstack([guess.states, guess.inputs]) / [100, 100, 100, 100, 100, 1, 1])
     total = sum(b.evaluator().Eval(program.GetInitialGuess(b.variables()))[0] for b in program.GetAllCosts())
     fixed_ends = 1.3 * h * proximity(guess.poses[[0, -1], :2], centroids, 1.2)[0].sum()
     assert total + fixed_ends == pytest.approx(cost.J)

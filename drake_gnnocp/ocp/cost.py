@@ -64,9 +64,7 @@ def evaluate_cost(trajectory: Trajectory, centroids: np.ndarray, weights: CostWe
     return Cost(weights.lambda1 * j1 + weights.lambda2 * j2, j1, j2)
 
 
-def add_cost(
-    program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights
-) -> float:
+def add_cost(program: MathematicalProgram, variables: Variables, centroids: np.ndarray, weights: CostWeights) -> float:
     """Add lambda1 J1 (at the guess's h where the horizon is free), lambda2 J2 and the weighted time.
 
     Returns:

@@ -45,9 +45,7 @@ class Problem:
     n_rows: int  # scalar constraints, bounds on variables aside
 
 
-def build(
-    scenario: Scenario, guess: Trajectory, separations: list[Separation], options: ProblemOptions
-) -> Problem:
+def build(scenario: Scenario, guess: Trajectory, separations: list[Separation], options: ProblemOptions) -> Problem:
     """Build the program around a guess.
 
     Args:
