@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
-from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate
+from drake_gnnocp.dataset.datasheet import write_datasheet
+from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
 from drake_gnnocp.single_thread import single_threaded_children
 from drake_gnnocp.tasks.place import KINDS
 
@@ -77,6 +78,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
             generate(settings, tuple(arguments.kinds), arguments.out, executor)
+        write_datasheet(list(load_dataset(arguments.out)), arguments.out)
     except DatasetError as error:
         print(error, file=sys.stderr)
         return BAD_INPUT

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from drake_gnnocp.dataset.label import KEPT, LabelOptions, label
+from drake_gnnocp.dataset.label import LabelOptions, label
 from drake_gnnocp.dataset.records import MapRecord, load_records, save_records
 from drake_gnnocp.tasks.draw import draw_place, draw_tasks, kind_of
 from drake_gnnocp.trajectory import write_atomically
@@ -55,17 +55,21 @@ def generate(settings: DatasetSettings, kinds: tuple[str, ...], folder: Path, ex
         (folder / name).mkdir(parents=True, exist_ok=True)
     check_settings(folder, settings)
     missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
-    jobs: dict[Future[MapRecord], int] = {executor.submit(make_map, settings, index): index for index in missing}
-    attempted = kept = 0
-    with tqdm(total=len(jobs), unit="map", smoothing=0.05) as progress:
-        for job in as_completed(jobs):
-            record = job.result()
-            save_records(_part(folder, record.index), [record])
-            _merge(folder, settings, record.index // MAPS_PER_SHARD)
-            attempted += len(record.labels)
-            kept += sum(each.outcome == KEPT for each in record.labels)
-            progress.update()
-            progress.set_postfix_str(f"kept {kept} of {attempted}")
+    jobs: set[Future[MapRecord]] = {executor.submit(make_map, settings, index) for index in missing}
+    try:
+        for job in tqdm(as_completed(jobs), total=len(jobs), unit="map", smoothing=0.05):
+            _store(job, folder, settings)
+            jobs.remove(job)
+    finally:  # where one failed, what others have done is not lost
+        for job in jobs:
+            if not job.cancel() and job.done() and job.exception() is None:
+                _store(job, folder, settings)
+
+
+def _store(job: Future[MapRecord], folder: Path, settings: DatasetSettings) -> None:
+    record = job.result()
+    save_records(_part(folder, record.index), [record])
+    _merge(folder, settings, record.index // MAPS_PER_SHARD)
 
 
 def make_map(settings: DatasetSettings, index: int) -> MapRecord:
@@ -87,7 +91,7 @@ def load_dataset(folder: Path) -> Iterator[MapRecord]:
     for path in files:
         try:
             records = load_records(path)
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, EOFError, KeyError, ValueError) as error:
             raise DatasetError(f"{path}: {error}") from None
         yield from records
 

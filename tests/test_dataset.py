@@ -1,0 +1,163 @@
+"""The dataset: resumable, exact on disk, and everything kept is verified."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from drake_gnnocp.dataset import generate as module
+from drake_gnnocp.dataset.__main__ import main
+from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
+from drake_gnnocp.dataset.label import KEPT, NO_PATH, Label, LabelOptions, label
+from drake_gnnocp.dataset.records import MapRecord, load_records, save_records, split_of
+from drake_gnnocp.learning.samples import Samples
+from drake_gnnocp.learning.scene import reversed_in_time
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.tasks.draw import draw_place, draw_tasks
+from drake_gnnocp.tasks.place import KINDS
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import State
+from drake_gnnocp.verification import verify
+
+SINGLE = 1e-5  # m, rad: float32 at coordinates of 40 m
+SETTINGS = DatasetSettings(seed=3, maps=7, pairs=2)
+
+
+class Here(Executor):
+    """Runs everything at once in this process, with straight lines instead of plans."""
+
+    def __init__(self, stop_after: int = 1000) -> None:
+        self.made: list[int] = []
+        self.stop_after = stop_after
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run it now."""
+        future: Future[Any] = Future()
+        settings, index = args
+        if len(self.made) < self.stop_after:
+            self.made.append(index)
+            future.set_result(straight_record(settings, index))
+        else:
+            future.set_exception(KeyboardInterrupt())
+        return future
+
+
+def straight_record(settings: DatasetSettings, index: int) -> MapRecord:
+    place = draw_place(settings.seed, index)
+    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
+    return MapRecord(index, place, tuple(tasks), tuple(straight_label(task, i) for i, task in enumerate(tasks)))
+
+
+def straight_label(task: Scenario, i: int) -> Label:
+    if i % 2:
+        return Label(NO_PATH)
+    states = np.zeros((120, 5))
+    states[:, :3] = np.linspace(task.start, task.goal, 120)
+    states[:, State.V] = np.sin(np.linspace(0, np.pi, 120))
+    return Label(KEPT, Trajectory(np.linspace(0, 20.0 + i, 120), states, np.zeros((120, 2))), 1.5, 12, 1)
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    stopped = Here(stop_after=3)
+    with pytest.raises(KeyboardInterrupt):
+        generate(SETTINGS, KINDS, tmp_path, stopped)
+    rest = Here()
+    generate(SETTINGS, KINDS, tmp_path, rest)
+    assert sorted(stopped.made + rest.made) == list(range(7))
+    assert [record.index for record in load_dataset(tmp_path)] == list(range(7))
+
+
+def test_full_shards_replace_their_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAPS_PER_SHARD", 5)
+    generate(SETTINGS, KINDS, tmp_path, Here())
+    assert sorted(path.name for path in tmp_path.glob("*/*.npz")) == ["shard_000.npz", "shard_001.npz"]
+    again = Here()
+    generate(SETTINGS, KINDS, tmp_path, again)
+    assert again.made == []
+
+
+def test_kinds_can_be_made_one_after_the_other(tmp_path: Path) -> None:
+    generate(SETTINGS, ("yard",), tmp_path, Here())
+    assert {record.place.kind for record in load_dataset(tmp_path)} == {"yard"}
+
+
+def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
+    generate(SETTINGS, KINDS, tmp_path, Here())
+    with pytest.raises(DatasetError, match="settings.json"):
+        generate(DatasetSettings(seed=4), KINDS, tmp_path, Here())
+    assert main(["--seed", "4", "--out", str(tmp_path)]) == 2
+
+
+def test_records_come_back_from_disk(tmp_path: Path) -> None:
+    records = [straight_record(SETTINGS, index) for index in range(6)]
+    save_records(tmp_path / "x.npz", records)
+    for record, found in zip(records, load_records(tmp_path / "x.npz"), strict=True):
+        assert (found.index, found.place.kind, found.place.area) == (record.index, record.place.kind, record.place.area)
+        assert found.place.vehicle == record.place.vehicle
+        assert all(np.array_equal(a, b) for a, b in zip(found.place.obstacles, record.place.obstacles, strict=True))
+        assert all(np.array_equal(a, b) for a, b in zip(found.place.slots, record.place.slots, strict=True))
+        for task, same in zip(record.tasks, found.tasks, strict=True):
+            assert task.name == same.name and np.array_equal([task.start, task.goal], [same.start, same.goal])
+        for one, other in zip(record.labels, found.labels, strict=True):
+            assert one.outcome == other.outcome
+            if one.trajectory is not None and other.trajectory is not None:
+                np.testing.assert_allclose(other.trajectory.states, one.trajectory.states, atol=SINGLE)
+                assert other.trajectory.duration == one.trajectory.duration
+            else:
+                assert one.trajectory is other.trajectory is None
+
+
+def test_a_map_without_tasks_or_plans_can_be_stored(tmp_path: Path) -> None:
+    record = straight_record(SETTINGS, 0)
+    bare = MapRecord(0, record.place, (), ())
+    save_records(tmp_path / "x.npz", [bare])
+    assert load_records(tmp_path / "x.npz")[0].tasks == ()
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing"])
+def test_a_broken_file_is_named(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "shards").mkdir()
+    (tmp_path / "shards" / "shard_000.npz").write_bytes(content)
+    with pytest.raises(DatasetError, match="shard_000.npz"):
+        list(load_dataset(tmp_path))
+
+
+def test_a_folder_without_a_dataset_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="no dataset"):
+        list(load_dataset(tmp_path / "nowhere"))
+
+
+def test_splits_are_80_10_10_by_map() -> None:
+    splits = [split_of(index) for index in range(800)]
+    assert (splits.count("train"), splits.count("validation"), splits.count("test")) == (640, 80, 80)
+
+
+def test_what_is_kept_is_verified() -> None:
+    task = Scenario.load("map_b")
+    found = label(task, LabelOptions())
+    assert found.outcome == KEPT and found.trajectory is not None
+    assert verify(task, found.trajectory).verified
+
+
+def test_batches_are_seen_from_the_start() -> None:
+    records = [straight_record(SETTINGS, index) for index in range(6)]
+    samples = Samples.of(records, 30)
+    rows = torch.arange(len(samples))
+    batch = samples.plain_batch(rows)
+    tasks = [task for record in records for i, task in enumerate(record.tasks) if i % 2 == 0]
+    assert len(tasks) == len(samples)
+    assert (batch.states[:, 0, :3] == 0).all()
+    for row, task in enumerate(tasks):
+        distance = np.hypot(*(task.goal - task.start)[:2])
+        assert torch.linalg.norm(batch.scene.goal[row, :2]).item() == pytest.approx(distance, rel=1e-5)
+    backwards = samples.batch(rows, rows < 0, rows >= 0)
+    assert torch.allclose(reversed_in_time(reversed_in_time(batch.states)), batch.states)
+    # what was the start is the goal, seen from where the goal was
+    there, back = (torch.linalg.norm(each.scene.goal[:, :2], dim=1) for each in (batch, backwards))
+    assert torch.allclose(there, back, atol=10 * SINGLE)
+    assert (backwards.states[..., State.V] <= 1e-6).all()
