@@ -110,8 +110,9 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
             if len(values)
         ),
         "",
-        "Format: see `drake_gnnocp/dataset/records.py`; `drake_gnnocp.dataset.generate.load_dataset` reads it. States",
-        "and inputs are float32. Mirrored, and reversed in time, every trajectory is again a solution: training uses it.",
+        "Format: see `drake_gnnocp/dataset/records.py`; `drake_gnnocp.dataset.generate.load_dataset` reads it.",
+        "States and inputs are float32. Mirrored and reversed in time, every trajectory is again a solution: training",
+        "uses both.",
         "",
     ]
     return "\n".join(lines)

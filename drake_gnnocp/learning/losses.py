@@ -67,9 +67,9 @@ def network_loss(
         parts[f"refined_{i}"] = trajectory_errors(found, states).mean()
         parts[f"duration_{i}"] = weights.duration * duration_errors(time, duration).mean()
         parts[f"kinematics_{i}"] = weights.kinematics * kinematic_error(found, time, scene).mean()
-        parts[f"clearance_{i}"] = weights.clearance * clearance_error(found, states, scene, weights.disc_margin).mean()
-    loss = torch.stack(list(parts.values())).sum()
     last = steps[-1][0] if steps else chosen
+    parts["clearance"] = weights.clearance * clearance_error(last, states, scene, weights.disc_margin).mean()
+    loss = torch.stack(list(parts.values())).sum()
     position = torch.linalg.norm((last - states)[..., :2], dim=-1).mean()
     share = (proposed.score.argmax(dim=1) == winner).float().mean()
     return {"loss": loss, "position": position.detach(), "top_score": share} | {

@@ -26,7 +26,8 @@ from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, 
 from drake_gnnocp.vehicle import State, Vehicle
 
 LENGTH = 10.0  # m, unit of lengths inside the network
-NEIGHBOURS = 16  # obstacles a refinement looks at: those nearest to the trajectory
+DILATIONS = (1, 2, 4, 8, 1)  # of the convolutions along a trajectory
+NEIGHBOURS = 10  # obstacles a refinement looks at: those nearest to the trajectory
 USUAL_VEHICLE = torch.tensor(list(Vehicle().to_dict().values()))
 POSE, MOTION = slice(State.X, State.V), slice(State.V, State.PHI + 1)
 
@@ -165,7 +166,7 @@ class Refiner(nn.Module):
         self.token = nn.Linear(config.width, config.width // 4)
         self.latent = nn.Linear(config.width, c)
         self.enter = nn.Linear(POINT_FEATURES + c // 2, c)
-        self.blocks = nn.ModuleList(nn.Conv1d(c, c, 5, padding=2 * d, dilation=d) for d in (1, 2, 4, 1, 2, 4))
+        self.blocks = nn.ModuleList(nn.Conv1d(c, c, 3, padding=d, dilation=d) for d in DILATIONS)
         self.norms = nn.ModuleList(nn.LayerNorm(c) for _ in self.blocks)
         self.leave = nn.Linear(c, 5)
         self.last = nn.Linear(c, 1)

@@ -21,6 +21,8 @@ from drake_gnnocp.learning.scene import (
 )
 from drake_gnnocp.vehicle import State
 
+BATCHES_SORTED = 16  # batches among which samples are sorted by their number of obstacles
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -71,6 +73,16 @@ class Samples:
             torch.tensor(np.array(states)).float(),
             torch.tensor(durations).float(),
         )
+
+    def random_batches(self, size: int, generator: torch.Generator) -> list[Tensor]:
+        """All samples in random batches of rows, each of samples with about as many obstacles: less is padding."""
+        order = torch.randperm(len(self), generator=generator, device=self.duration.device)
+        obstacles = self.mask.any(dim=2).sum(dim=1)[self.map]
+        batches: list[Tensor] = []
+        for some in order.split(size * BATCHES_SORTED):
+            batches += some[torch.argsort(obstacles[some], stable=True)].split(size)
+        shuffled = torch.randperm(len(batches), generator=generator, device=order.device)
+        return [batches[i] for i in shuffled.tolist()]
 
     def batch(self, rows: Tensor, mirror: Tensor, reverse: Tensor) -> Batch:
         """Samples `rows` (B,), some of them mirrored or reversed in time: (B,) bool each."""

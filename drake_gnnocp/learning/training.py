@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from drake_gnnocp.learning.augment import with_strangers
 from drake_gnnocp.learning.checkpoint import Network, save_atomically
 from drake_gnnocp.learning.losses import LossParts, LossWeights, network_loss
 from drake_gnnocp.learning.network import TrajectoryNetwork
@@ -32,12 +33,13 @@ class TrainingOptions:
     cosine: bool = False  # whether the learning rate falls to zero along a cosine after the warm-up
     weight_decay: float = 0.0
     largest_gradient: float = math.inf  # norm, longer gradients are shortened
+    strangers: bool = False  # whether obstacles of other scenes are added, see `augment`
     seed: int = 0
 
 
 PAPER_TRAINING = TrainingOptions()
 DEFAULT_TRAINING = TrainingOptions(
-    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0
+    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0, strangers=True
 )
 
 
@@ -69,20 +71,20 @@ def train(
     """
     optimiser = torch.optim.AdamW(network.parameters(), options.learning_rate, weight_decay=options.weight_decay)
     progress = _resumed(folder / "last.pt", network, optimiser, options)
-    n_batches = math.ceil(len(training) / options.batch)
     bar = tqdm(total=options.epochs, initial=progress.epoch, unit="epoch")
     while progress.epoch < options.epochs:
         generator = torch.Generator(device=training.duration.device).manual_seed(
             options.seed * 1_000_003 + progress.epoch
         )
-        order = torch.randperm(len(training), generator=generator, device=training.duration.device)
+        batches = training.random_batches(options.batch, generator)
         network.train()
         sums: dict[str, float] = {}
-        for i, rows in enumerate(order.split(options.batch)):
-            rate = learning_rate(options, progress.epoch + i / n_batches)
+        for i, rows in enumerate(batches):
+            rate = learning_rate(options, progress.epoch + i / len(batches))
             for group in optimiser.param_groups:
                 group["lr"] = rate
-            parts = loss_of(network, training.random_batch(rows, generator))
+            batch = training.random_batch(rows, generator)
+            parts = loss_of(network, with_strangers(batch, generator) if options.strangers else batch)
             optimiser.zero_grad()
             parts["loss"].backward()
             torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)

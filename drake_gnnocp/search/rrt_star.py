@@ -1,0 +1,149 @@
+r"""RRT*: the paper's baseline, which knows nothing of steering (Karaman and Frazzoli 2011; OMPL's implementation).
+
+It samples positions of the middle of the car's rectangle, and joins them by straight lines. A car that drives straight,
+forwards or backwards, sweeps a rectangle as wide as it is and longer than the line by half a car at either end: one
+exact test a line. Near the start and the goal the car stands across the line more often than not, so there a disc as
+wide as the car is all that is asked to be free.
+
+How long it goes on is counted in iterations, not in seconds: the same seed gives the same path.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.collision import Box
+from drake_gnnocp.search.regions import search_regions
+
+LARGEST_SEED = 2**31  # OMPL's seeds begin at 1
+
+
+@dataclass(frozen=True)
+class RrtStarOptions:
+    """Options of the search."""
+
+    reach: float = 5.0  # m, longest line
+    near: float = 5.0  # m, lines with an end this near to start or goal are tested with the disc only
+    least_iterations: int = 1500  # a path found earlier is improved until then
+    most_iterations: int = 15000  # in each of the regions searched, see `regions`
+
+
+DEFAULT_OPTIONS = RrtStarOptions()
+
+
+def is_available() -> bool:
+    """Whether OMPL is installed."""
+    try:
+        import ompl.geometric  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def rrt_star_path(
+    scenario: Scenario,
+    seed: int = 0,
+    max_seconds: float = math.inf,
+    deadline: float = math.inf,
+    options: RrtStarOptions = DEFAULT_OPTIONS,
+) -> np.ndarray | None:
+    """Positions of the middle of the car's rectangle, joined by free lines (N, 2) [m]; None where none are found.
+
+    Args:
+        scenario: the task, near the origin.
+        seed: the same one gives the same path, unless the time cuts in.
+        max_seconds: most that the search takes [s].
+        deadline: instant of `time.monotonic()` to return at, with what there is by then [s].
+        options: see `RrtStarOptions`.
+    """
+    deadline = min(deadline, time.monotonic() + max_seconds)
+    for region in search_regions(scenario):
+        path = _search(_Lines(scenario, region, options), region, seed, deadline, options)
+        if path is not None:
+            return path
+    return None
+
+
+class _Lines:
+    """The collision test of straight drives in one region."""
+
+    def __init__(self, scenario: Scenario, region: Box, options: RrtStarOptions) -> None:
+        vehicle = scenario.vehicle
+        self.start, self.goal = vehicle.footprints(np.stack([scenario.start, scenario.goal])).mean(axis=1)
+        self._half_length, self._half_width = 0.5 * vehicle.length, 0.5 * vehicle.width
+        self._near = options.near
+        self._low, self._high = np.array(region[0::2]), np.array(region[1::2])
+        self._blocked = shapely.union_all(list(scenario.polygons))
+        shapely.prepare(self._blocked)
+
+    def is_free(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether the car can drive from a to b, (2,) each [m]."""
+        ends = np.array([a, b])
+        if shapely.dwithin(self._blocked, shapely.linestrings(ends), self._half_width):
+            return False
+        length = math.dist(a, b)
+        if length == 0.0 or any(math.dist(p, q) < self._near for p in (a, b) for q in (self.start, self.goal)):
+            return bool(((ends - self._half_width >= self._low) & (ends + self._half_width <= self._high)).all())
+        along = (b - a) / length
+        across = np.array([-along[1], along[0]]) * self._half_width
+        rear, front = a - self._half_length * along, b + self._half_length * along
+        swept = np.array([rear - across, front - across, front + across, rear + across])
+        inside = ((swept >= self._low) & (swept <= self._high)).all()
+        return bool(inside) and not shapely.intersects(self._blocked, shapely.polygons(swept))
+
+
+def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: RrtStarOptions) -> np.ndarray | None:
+    """RRT* in one region."""
+    from ompl import base, geometric, util
+
+    util.setLogLevel(util.LOG_NONE)  # it reports on stdout, and dislikes a seed that is set a second time
+    util.RNG.setSeed(1 + seed % LARGEST_SEED)
+    space = base.RealVectorStateSpace(2)
+    bounds = base.RealVectorBounds(2)
+    for axis in (0, 1):
+        bounds.setLow(axis, region[2 * axis])
+        bounds.setHigh(axis, region[2 * axis + 1])
+    space.setBounds(bounds)
+    information = base.SpaceInformation(space)
+    information.setStateValidityChecker(lambda state: lines.is_free(_position(state), _position(state)))
+
+    class Motions(base.MotionValidator):
+        def checkMotion(self, first: Any, second: Any, *_: Any) -> bool:  # noqa: N802 - OMPL's name
+            return lines.is_free(_position(first), _position(second))
+
+    information.setMotionValidator(Motions(information))
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    problem.setStartAndGoalStates(_state(space, lines.start), _state(space, lines.goal))
+    planner = geometric.RRTstar(information)
+    planner.setProblemDefinition(problem)
+    planner.setRange(options.reach)
+    planner.setup()
+
+    def is_over() -> bool:
+        # the problem learns of a solution when the planner ends
+        enough = options.least_iterations if math.isfinite(planner.bestCost().value()) else options.most_iterations
+        return planner.numIterations() >= enough or time.monotonic() > deadline
+
+    planner.solve(base.PlannerTerminationCondition(is_over))
+    if not problem.hasExactSolution():
+        return None
+    path = problem.getSolutionPath()
+    return np.array([_position(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _position(state: Any) -> np.ndarray:
+    return np.array([state[0], state[1]])
+
+
+def _state(space: Any, position: np.ndarray) -> Any:
+    state = space.allocState()
+    state[0], state[1] = float(position[0]), float(position[1])
+    return state
