@@ -85,7 +85,7 @@ def run_training(
     config: str, data: Path, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
 ) -> Progress:
     """Train with a check by planning now and then; the best weights are kept."""
-    records = list(load_dataset(data))
+    records = load_dataset(data)
     learned = [record for record in records if record.split == "train"]
     learned = learned[: max(1, round(arguments.share * len(learned)))]
     unseen = [record for record in records if record.split == "validation"]

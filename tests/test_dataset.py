@@ -124,12 +124,12 @@ def test_a_broken_file_is_named(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "shards").mkdir()
     (tmp_path / "shards" / "shard_000.npz").write_bytes(content)
     with pytest.raises(DatasetError, match="shard_000.npz"):
-        list(load_dataset(tmp_path))
+        load_dataset(tmp_path)
 
 
 def test_a_folder_without_a_dataset_is_named(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="no dataset"):
-        list(load_dataset(tmp_path / "nowhere"))
+        load_dataset(tmp_path / "nowhere")
 
 
 def test_splits_are_80_10_10_by_map() -> None:

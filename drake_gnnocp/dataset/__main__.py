@@ -78,7 +78,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
             generate(settings, tuple(arguments.kinds), arguments.out, executor)
-        write_datasheet(list(load_dataset(arguments.out)), arguments.out)
+        write_datasheet(load_dataset(arguments.out), arguments.out)
     except DatasetError as error:
         print(error, file=sys.stderr)
         return BAD_INPUT

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -79,21 +78,29 @@ def make_map(settings: DatasetSettings, index: int) -> MapRecord:
     return MapRecord(index, place, tuple(tasks), tuple(label(task, LabelOptions()) for task in tasks))
 
 
-def load_dataset(folder: Path) -> Iterator[MapRecord]:
-    """All maps of a dataset, those of unfinished shards too, in the order of their files.
+def load_dataset(folder: Path) -> list[MapRecord]:
+    """All maps of a dataset in their order, those of unfinished shards too.
 
     Raises:
         DatasetError: there is no dataset, or a file of it cannot be read.
     """
-    files = [*sorted((folder / "shards").glob("*.npz")), *sorted((folder / "parts").glob("*.npz"))]
-    if not files:
+    # parts first: while a dataset is being made, they may become a shard, which is found afterwards
+    records = _read(sorted((folder / "parts").glob("*.npz"))) | _read(sorted((folder / "shards").glob("*.npz")))
+    if not records:
         raise DatasetError(f"{folder}: no dataset here; make one with python -m drake_gnnocp.dataset --out {folder}")
+    return [records[index] for index in sorted(records)]
+
+
+def _read(files: list[Path]) -> dict[int, MapRecord]:
+    records = {}
     for path in files:
         try:
-            records = load_records(path)
+            records.update({record.index: record for record in load_records(path)})
+        except FileNotFoundError:
+            continue
         except (OSError, EOFError, KeyError, ValueError) as error:
             raise DatasetError(f"{path}: {error}") from None
-        yield from records
+    return records
 
 
 def check_settings(folder: Path, settings: DatasetSettings) -> None:

@@ -5,7 +5,9 @@ torch is imported when a learned guess is first asked for: it takes a second tha
 
 from __future__ import annotations
 
+import logging
 import math
+import time
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
@@ -16,11 +18,15 @@ import numpy as np
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
+from drake_gnnocp.search.polyline import geared
+from drake_gnnocp.search.rrt_star import RrtStarOptions, is_available, rrt_star_path
 from drake_gnnocp.search.speed_planner import SpeedOptions, plan_speed
 from drake_gnnocp.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from drake_gnnocp.learning.checkpoint import Network
+
+logger = logging.getLogger(__name__)
 
 GUESSES = ("auto", "gnn", "hybrid_astar", "rrt_star", "straight")
 STRAIGHT_SPEED = 0.5  # of v_max, average along a straight guess
@@ -46,6 +52,8 @@ class GuessOptions:
     n_knots: int = 120
     search: HybridAStarOptions = field(default_factory=HybridAStarOptions)
     speed: SpeedOptions = field(default_factory=SpeedOptions)
+    rrt_star: RrtStarOptions = field(default_factory=RrtStarOptions)
+    seed: int = 0  # of RRT*
     weights: Path | None = None  # of the network; None: those that come with the package
 
 
@@ -58,9 +66,14 @@ def check_available(kind: str, options: GuessOptions | None = None) -> None:
     if kind not in GUESSES:
         raise GuessUnavailable(f"guess: must be one of {', '.join(GUESSES)}, not {kind!r}")
     if kind in ("auto", "gnn"):
-        load_network(options.weights if options else None)
-    if kind == "rrt_star":
-        raise GuessUnavailable("guess: 'rrt_star' is not part of this version; use hybrid_astar")
+        try:
+            load_network(options.weights if options else None)
+        except GuessUnavailable:
+            if kind == "gnn":
+                raise
+            logger.warning("there are no trained weights; going on with Hybrid A*")
+    if kind == "rrt_star" and not is_available():
+        raise GuessUnavailable("guess: 'rrt_star' needs OMPL: pip install ompl, or pip install -e .[rrt_star]")
 
 
 @lru_cache(maxsize=4)
@@ -102,6 +115,22 @@ def hybrid_astar_guess(scenario: Scenario, options: GuessOptions, deadline: floa
     if found.path is None:
         return Guess(None, f"Hybrid A*: {found.status} ({found.expansions} expansions)")
     return Guess(plan_speed(found.path, scenario.vehicle, options.n_knots, options.speed))
+
+
+def rrt_star_guess(scenario: Scenario, options: GuessOptions, deadline: float) -> Guess:
+    """RRT*, gears and headings for its path, and the speed planner; knots equally spaced in time.
+
+    Args:
+        scenario: near the origin.
+        options: see `GuessOptions`.
+        deadline: instant of `time.monotonic()` at which the search gives up [s].
+    """
+    line = rrt_star_path(scenario, options.seed, deadline=deadline, options=options.rrt_star)
+    if line is None:
+        reason = "out of time" if time.monotonic() > deadline else "no path"
+        return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most)")
+    path = geared(line, scenario.start, scenario.goal, scenario.vehicle)
+    return Guess(plan_speed(path, scenario.vehicle, options.n_knots, options.speed))
 
 
 def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:

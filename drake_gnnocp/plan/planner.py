@@ -14,9 +14,12 @@ from drake_gnnocp.ocp.refine import TOO_LATE, Optimised, RefineOptions, badness,
 from drake_gnnocp.plan.guess import (
     Guess,
     GuessOptions,
+    GuessUnavailable,
     check_available,
     gnn_guesses,
     hybrid_astar_guess,
+    load_network,
+    rrt_star_guess,
     straight_guess,
 )
 from drake_gnnocp.plan.result import Attempt, Plan
@@ -29,7 +32,7 @@ logger = logging.getLogger(__name__)
 Horizon = float | str  # seconds, "guess" or "free"
 LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
 LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
-SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A*
+SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A* or RRT*
 ROUNDING = 1e-9  # relative, of the length of a path
 
 
@@ -133,24 +136,26 @@ def _strategies(
     if guess == "straight":
         yield straight
         return
-    if guess in ("auto", "gnn"):
+    if guess == "gnn" or guess == "auto" and _has_network(options):
         yield from _learned_strategies(scenario, guess, options)
     if guess == "gnn":
         return
     now = time.monotonic()
-    found: list[Guess] = []  # the search is deterministic: a second attempt takes its path again
+    source, search = ("rrt_star", rrt_star_guess) if guess == "rrt_star" else ("hybrid_astar", hybrid_astar_guess)
+    found: list[Guess] = []  # the searches are deterministic: a second attempt takes the path again
 
     def searched() -> Guess:
         if not found:
-            found.append(hybrid_astar_guess(scenario, options.guess, now + SEARCH_SHARE * (deadline - now)))
+            found.append(search(scenario, options.guess, now + SEARCH_SHARE * (deadline - now)))
         return found[0]
 
     fixed = not isinstance(horizon, str)  # the slack has no effect: a second attempt would be the same solve
-    yield _Strategy("hybrid_astar", searched, options.slack, share=1.0 if fixed else 0.5)
+    yield _Strategy(source, searched, options.slack, share=1.0 if fixed else 0.5)
     if found[0].trajectory is None:
-        yield replace(straight, share=0.5)  # seldom enough, but an attempt to look at
+        if source == "hybrid_astar":
+            yield replace(straight, share=0.5)  # seldom enough, but an attempt to look at
     elif not fixed:
-        yield _Strategy("hybrid_astar", searched, options.retry_slack)
+        yield _Strategy(source, searched, options.retry_slack)
 
 
 def _learned_strategies(scenario: Scenario, guess: str, options: PlanOptions) -> Iterator[_Strategy]:
@@ -166,6 +171,14 @@ def _learned_strategies(scenario: Scenario, guess: str, options: PlanOptions) ->
     tries = options.hypotheses if guess == "gnn" else options.hypotheses_first
     for other in made[1:tries]:
         yield replace(learned, make_guess=partial(_same, other))
+
+
+def _has_network(options: PlanOptions) -> bool:
+    try:
+        load_network(options.guess.weights)
+    except GuessUnavailable:
+        return False
+    return True
 
 
 def _same(guess: Guess) -> Guess:

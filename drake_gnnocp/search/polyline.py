@@ -102,8 +102,9 @@ def _headings(points: np.ndarray, gear: np.ndarray, start_heading: float, goal_h
     padded = np.pad(theta, half, mode="edge")
     mean = np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")  # (N + 1,)
     between = 0.5 * (mean[1:] + mean[:-1])
-    # what is left of the ends' headings after averaging is brought in over the same distance
-    s = SPACING * np.arange(len(between))
-    near_start, near_goal = (np.clip(1.0 - along / (0.5 * TURNING), 0.0, 1.0) for along in (s, s[::-1]))
+    # what averaging leaves of the difference to the ends' headings is brought in over the same distance
+    i = np.arange(len(between))
+    reach = min(half, 0.5 * i[-1])
+    near_start, near_goal = (np.clip(1.0 - along / reach, 0.0, 1.0) for along in (i, i[::-1]))
     between += near_start * (theta[0] - between[0])
     return between + near_goal * (theta[-1] - between[-1])
