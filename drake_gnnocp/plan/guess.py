@@ -9,7 +9,8 @@ import numpy as np
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
-from drake_gnnocp.search.speed_planner import SpeedOptions, plan_speed
+from drake_gnnocp.search.path import GearedPath, n_sections
+from drake_gnnocp.search.speed_planner import FEWEST_INTERVALS, SpeedOptions, plan_speed
 from drake_gnnocp.trajectory import Trajectory
 
 GUESSES = ("auto", "gnn", "hybrid_astar", "rrt_star", "straight")
@@ -27,6 +28,7 @@ class Guess:
 
     trajectory: Trajectory | None
     reason: str = ""
+    path: GearedPath | None = None  # that the trajectory puts a time to
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ def hybrid_astar_guess(scenario: Scenario, options: GuessOptions, deadline: floa
     found = search(scenario, options.search, deadline)
     if found.path is None:
         return Guess(None, f"Hybrid A*: {found.status} ({found.expansions} expansions)")
-    return Guess(plan_speed(found.path, scenario.vehicle, options.n_knots, options.speed))
+    n_knots = max(options.n_knots, FEWEST_INTERVALS * n_sections(found.path) + 1)
+    return Guess(plan_speed(found.path, scenario.vehicle, n_knots, options.speed), path=found.path)
 
 
 def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:
