@@ -26,7 +26,7 @@ from drake_gnnocp.verification import min_clearance
 class FineOptions:
     """When and how to plan finely."""
 
-    sections: int = 5  # moves in one gear, from which on the usual knots are not even tried
+    sections: int = 8  # moves in one gear, from which on the usual knots are not even tried
     step: float = 0.3  # s, largest distance of the knots in time ...
     most_knots: int = 600  # ... as long as there are no more than these: the time of a solve grows with them
     tube: float = 0.15  # m, poses stay this near the guess's

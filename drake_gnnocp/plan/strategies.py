@@ -74,7 +74,7 @@ def strategies(
         return
     many = n_sections(first.guess.path) >= options.fine.sections
     again = replace(first, guess_seconds=0.0)
-    yield replace(first, share=0.5, fine=many)
+    yield replace(first, share=0.4, fine=many)
     for search in options.other_searches if horizon == "free" else ():
         found = _searched(scenario, options, search, deadline)
         if found.guess.path is not None:
