@@ -83,14 +83,15 @@ def _try_all(
     tried: list[_Tried] = []
     for strategy in strategies(scenario, guess, horizon, options, deadline):
         verified = any(each.attempt.verified for each in tried)
-        if time.monotonic() >= deadline and tried:
+        if tried and time.monotonic() >= deadline - options.refine.reserve:
             break
         if verified and not strategy.improves:
             continue
         tried.append(_try(scenario, strategy, horizon, options, deadline))
         attempt = tried[-1].attempt
         logger.info("%s: %s", attempt.guess, attempt.reason or "verified")
-        if attempt.verified and horizon != "free":
+        refused = tried[-1].start is not None and tried[-1].outcome is None  # and any later one would be
+        if refused or (attempt.verified and horizon != "free"):
             break
     return tried
 

@@ -53,7 +53,10 @@ class Plan:
     @property
     def cut_short(self) -> bool:
         """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
-        return self.verified and self.attempts[-1].solver_status == OUT_OF_TIME
+        if not self.verified or self.cost is None:
+            return False
+        reported = [attempt for attempt in self.attempts if attempt.verified and attempt.cost == self.cost.J]
+        return any(attempt.solver_status == OUT_OF_TIME for attempt in reported)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""

@@ -72,14 +72,13 @@ def strategies(
         straight = straight_guess(scenario, options.guess)  # seldom enough, but an attempt to look at
         yield Strategy("straight", straight, 0.0, options.slack, share=0.5)
         return
-    many = n_sections(first.guess.path) >= options.fine.sections
     again = replace(first, guess_seconds=0.0)
-    yield replace(first, share=0.4, fine=many)
+    yield replace(first, share=0.4)
     for search in options.other_searches if horizon == "free" else ():
         found = _searched(scenario, options, search, deadline)
         if found.guess.path is not None:
-            yield replace(found, share=0.5, fine=n_sections(found.guess.path) >= options.fine.sections, improves=True)
-    if not many:
+            yield replace(found, share=0.5, improves=True)
+    if not first.fine:
         yield replace(again, share=0.6, fine=True)
     if isinstance(horizon, str):  # to a fixed one the slack makes no difference
         yield replace(again, slack=options.retry_slack, fine=True)
@@ -89,4 +88,7 @@ def _searched(scenario: Scenario, options: PlanOptions, search: HybridAStarOptio
     begin = time.monotonic()
     until = begin + SEARCH_SHARE * (deadline - begin)
     guess = hybrid_astar_guess(scenario, replace(options.guess, search=search), until)
-    return Strategy("hybrid_astar", guess, time.monotonic() - begin, options.slack)
+    now = time.monotonic()
+    hurried = deadline - now < options.fine.hurry
+    fine = guess.path is not None and (hurried or n_sections(guess.path) >= options.fine.sections)
+    return Strategy("hybrid_astar", guess, now - begin, options.slack, fine=fine)
