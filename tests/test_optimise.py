@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -143,7 +144,7 @@ def test_a_verified_plan_nearer_than_it_must_be_is_widened_and_kept_where_that_f
 
     solve_once, solves = refine._solve_once, []
 
-    def fails_later(*arguments: object) -> tuple[Trajectory, refine.Round]:
+    def fails_later(*arguments: Any) -> tuple[Trajectory, refine.Round]:
         trajectory, report = solve_once(*arguments)
         solves.append(report)
         if len(solves) <= len(near.rounds):

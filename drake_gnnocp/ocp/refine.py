@@ -5,7 +5,7 @@ inside. So every converged plan is verified densely; every (interval, convex obs
 separating line, the rows near the trajectory are chosen anew, and the program is solved again from where it stopped.
 What else the check found is answered in kind: collocation's cubics end a little beside the goal when the knots are far
 apart, so the next solve aims as much to the other side; v and phi can exceed their limits between knots, so the knots
-get a margin.
+get a margin. A verified plan that passes an obstacle nearer than it must is widened once, and kept if that fails.
 """
 
 from __future__ import annotations

@@ -38,7 +38,8 @@ def plan(
     Args:
         scenario: the task.
         guess: source of the first guess, one of `drake_gnnocp.plan.guess.GUESSES`; "auto" is the best there is.
-        horizon: t_final [s], or "guess" to take it from the guess, or "free" to optimise it with a weight on time.
+        horizon: t_final [s], or "guess" to take it from the guess, or "free" to optimise it with a weight on time
+            along several paths.
         max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned.
         options: see `PlanOptions`.
 

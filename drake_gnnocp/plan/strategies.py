@@ -81,7 +81,7 @@ def strategies(
     if not first.fine:
         yield replace(again, share=0.6, fine=True)
     if isinstance(horizon, str):  # to a fixed one the slack makes no difference
-        yield replace(again, slack=options.retry_slack, fine=True)
+        yield replace(again, slack=options.retry_slack)
 
 
 def _searched(scenario: Scenario, options: PlanOptions, search: HybridAStarOptions, deadline: float) -> Strategy:
