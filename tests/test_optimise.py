@@ -2,16 +2,19 @@
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp.ocp import refine
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
 from drake_gnnocp.ocp.refine import RefineOptions, optimise
 from drake_gnnocp.plan.guess import GuessOptions, hybrid_astar_guess, straight_guess
+from drake_gnnocp.search.retiming import gently_timed
 from drake_gnnocp.verification import min_clearance, verify
 
 N_KNOTS = 60
@@ -121,3 +124,34 @@ def test_without_time_the_guess_comes_back_unverified(gate: Scenario, guess: Tra
     result = optimise(gate, guess, RefineOptions(), deadline=time.monotonic())
     assert result.rounds == () and result.trajectory is guess
     assert result.reason == "out of time before the first solve"
+
+
+def test_a_verified_plan_nearer_than_it_must_be_is_widened_and_kept_where_that_fails(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scenario = Scenario.load("map_b")
+    scenario = scenario.translated(-scenario.start[0], -scenario.start[1])
+    found = hybrid_astar_guess(scenario, GuessOptions(), time.monotonic() + 30).trajectory
+    assert found is not None
+    start = gently_timed(found, 1.1 * found.duration, scenario.vehicle)
+    options = RefineOptions()
+    near = optimise(scenario, start, replace(options, near_share=0.0))
+    assert near.verification.verified
+    assert near.verification.min_clearance_m < options.near_share * options.threshold
+    wide = optimise(scenario, start, options)
+    assert wide.verification.verified and len(wide.rounds) == len(near.rounds) + 1
+    assert wide.verification.min_clearance_m > near.verification.min_clearance_m
+
+    solve_once, solves = refine._solve_once, []
+
+    def fails_later(*arguments: Any) -> tuple[Trajectory, refine.Round]:
+        trajectory, report = solve_once(*arguments)
+        solves.append(report)
+        if len(solves) <= len(near.rounds):
+            return trajectory, report
+        return trajectory, replace(report, success=False, verification=verify(scenario, start))
+
+    monkeypatch.setattr(refine, "_solve_once", fails_later)
+    kept = optimise(scenario, start, options)
+    assert len(kept.rounds) == len(near.rounds) + 1
+    assert kept.verification == near.verification and kept.reason == ""

@@ -138,14 +138,15 @@ def test_a_horizon_the_path_is_too_long_for_is_refused_without_a_solve() -> None
     assert result.total_seconds < BUDGET_OVERRUN
 
 
-def test_a_horizon_a_little_too_short_is_tried_once() -> None:
+def test_a_horizon_a_little_too_short_is_tried_and_given_up() -> None:
     scenario = Scenario("sprint", np.zeros(3), np.array([10.0, 0.0, 0.0]))  # 10 m take 5.25 s from rest to rest
     result = plan(scenario, horizon=4.5, max_seconds=3.0)
     assert result.status == "unverified"
-    assert len(result.attempts) == 1 and result.attempts[0].reason and result.attempts[0].solver_status
+    assert all(attempt.reason and not attempt.verified for attempt in result.attempts)
+    assert result.attempts[0].solver_status
 
 
-def test_a_first_attempt_leaves_time_for_the_second(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_early_attempts_leave_time_for_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     budget, shares = 20.0, []
 
     def nothing_found(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> Optimised:
@@ -158,9 +159,10 @@ def test_a_first_attempt_leaves_time_for_the_second(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(planner, "optimise", nothing_found)
     plan(Scenario.load("empty_field"), max_seconds=budget)
     plan(Scenario.load("empty_field"), "straight", max_seconds=budget)
-    first, second, only = shares
-    assert 0.3 < first <= 0.5
-    assert min(second, only) > 0.8  # the machine may be busy; the solver took no time
+    first, second, third, only = shares
+    assert 0.3 < first <= 0.4
+    assert 0.5 < second <= 0.6
+    assert min(third, only) > 0.8  # the machine may be busy; the solver took no time
 
 
 def test_a_guess_that_was_never_optimised_is_failed_even_where_it_would_pass(

@@ -5,7 +5,7 @@ inside. So every converged plan is verified densely; every (interval, convex obs
 separating line, the rows near the trajectory are chosen anew, and the program is solved again from where it stopped.
 What else the check found is answered in kind: collocation's cubics end a little beside the goal when the knots are far
 apart, so the next solve aims as much to the other side; v and phi can exceed their limits between knots, so the knots
-get a margin.
+get a margin. A verified plan that passes an obstacle nearer than it must is widened once, and kept if that fails.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class RefineOptions:
     deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
     guarded: float = 0.5  # m, pairs nearer than this at the start get a line after a solve that failed
     max_rounds: int = 8  # refinements after the first solve
+    near_share: float = 0.75  # of the threshold: a verified plan nearer than this, and than its guess, is widened once
     end_share: float = 0.4  # of the clearance of start and goal: no line or least margin asks for more
     bounds_step: float = 0.005  # m, margin added to what the bounds were exceeded by
     limits_step: float = 0.002  # relative, added to what v or phi were exceeded by
@@ -94,14 +95,19 @@ def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, dead
     rounds: list[Round] = []
     start = guess
     best: tuple[Trajectory, Verification | None] = (guess, None)
+    widened = False  # whether the solve to come only widens the gaps of a verified plan, which is kept if it fails
     while len(rounds) <= options.max_rounds and time.monotonic() < deadline - options.reserve:
         found, report = _solve_once(scenario, start, gaps, options, deadline - options.reserve)
         rounds.append(report)
         if best[1] is None or badness(report.verification) < badness(best[1]):
             best = (found, report.verification)
-        if report.verification.verified or time.monotonic() >= deadline - options.reserve:
+        if widened or time.monotonic() >= deadline - options.reserve:
             break
-        if report.success:
+        if report.verification.verified:
+            widened = _is_needlessly_near(scenario, guess, report.verification, options)
+            if not widened:
+                break
+        if report.success or widened:
             close = close_pairs(scenario, found, options.threshold)
             start = found if min(close.values(), default=0.0) > -options.deep else start
             options = _answered(scenario, found, options)
@@ -185,6 +191,13 @@ def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
     """How far v or phi exceed their limits anywhere, relative to them; negative when they do not."""
     v, phi = np.abs(motion.states[:, [State.V, State.PHI]]).max(axis=0)
     return float(max(v / scenario.vehicle.v_max, phi / scenario.vehicle.phi_max)) - 1.0
+
+
+def _is_needlessly_near(scenario: Scenario, guess: Trajectory, check: Verification, options: RefineOptions) -> bool:
+    """Whether a plan passes an obstacle nearer than it should and the guess does at its knots."""
+    if check.min_clearance_m >= options.near_share * options.threshold:
+        return False
+    return min_clearance(scenario, scenario.vehicle.footprints(guess.poses)) > check.min_clearance_m
 
 
 def _add_lines(gaps: dict[Pair, float], close: dict[Pair, float], options: RefineOptions) -> None:

@@ -18,9 +18,10 @@ import numpy as np
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
+from drake_gnnocp.search.path import GearedPath, n_sections
 from drake_gnnocp.search.polyline import geared
 from drake_gnnocp.search.rrt_star import RrtStarOptions, is_available, rrt_star_path
-from drake_gnnocp.search.speed_planner import SpeedOptions, plan_speed
+from drake_gnnocp.search.speed_planner import FEWEST_INTERVALS, SpeedOptions, plan_speed
 from drake_gnnocp.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Guess:
 
     trajectory: Trajectory | None
     reason: str = ""
+    path: GearedPath | None = None  # that the trajectory puts a time to
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,15 @@ def load_network(weights: Path | None) -> Network:
         raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
 
 
+def has_network(options: GuessOptions) -> bool:
+    """Whether there is a trained network."""
+    try:
+        load_network(options.weights)
+    except GuessUnavailable:
+        return False
+    return True
+
+
 def bundled_weights(config: str = "default") -> Path:
     """The file of the weights that come with the package, of one of the networks' configurations."""
     return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
@@ -114,7 +125,7 @@ def hybrid_astar_guess(scenario: Scenario, options: GuessOptions, deadline: floa
     found = search(scenario, options.search, deadline)
     if found.path is None:
         return Guess(None, f"Hybrid A*: {found.status} ({found.expansions} expansions)")
-    return Guess(plan_speed(found.path, scenario.vehicle, options.n_knots, options.speed))
+    return _driven(found.path, scenario, options)
 
 
 def rrt_star_guess(scenario: Scenario, options: GuessOptions, deadline: float) -> Guess:
@@ -129,8 +140,12 @@ def rrt_star_guess(scenario: Scenario, options: GuessOptions, deadline: float) -
     if line is None:
         reason = "out of time" if time.monotonic() > deadline else "no path"
         return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most)")
-    path = geared(line, scenario.start, scenario.goal, scenario.vehicle)
-    return Guess(plan_speed(path, scenario.vehicle, options.n_knots, options.speed))
+    return _driven(geared(line, scenario.start, scenario.goal, scenario.vehicle), scenario, options)
+
+
+def _driven(path: GearedPath, scenario: Scenario, options: GuessOptions) -> Guess:
+    n_knots = max(options.n_knots, FEWEST_INTERVALS * n_sections(path) + 1)
+    return Guess(plan_speed(path, scenario.vehicle, n_knots, options.speed), path=path)
 
 
 def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:

@@ -1,52 +1,29 @@
-"""The planner: guess, optimise, verify; and the next guess where that gives no verified plan."""
+"""The planner: guess, optimise, verify; and the next strategy where that gives no verified plan."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_gnnocp.ocp.refine import TOO_LATE, Optimised, RefineOptions, badness, optimise
-from drake_gnnocp.plan.guess import (
-    Guess,
-    GuessOptions,
-    GuessUnavailable,
-    check_available,
-    gnn_guesses,
-    hybrid_astar_guess,
-    load_network,
-    rrt_star_guess,
-    straight_guess,
-)
+from drake_gnnocp.plan.fine import fine_guess, fine_refine
+from drake_gnnocp.plan.guess import check_available, straight_guess
 from drake_gnnocp.plan.result import Attempt, Plan
+from drake_gnnocp.plan.strategies import Horizon, PlanOptions, Strategy, strategies
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.retiming import gently_timed, with_duration
 from drake_gnnocp.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
-Horizon = float | str  # seconds, "guess" or "free"
 LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
 LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
-SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A* or RRT*
 ROUNDING = 1e-9  # relative, of the length of a path
-
-
-@dataclass(frozen=True)
-class PlanOptions:
-    """How to plan."""
-
-    guess: GuessOptions = field(default_factory=GuessOptions)
-    refine: RefineOptions = field(default_factory=RefineOptions)
-    slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
-    retry_slack: float = 1.6  # the same where the first attempt gave no verified plan
-    hypotheses: int = 3  # of the network, tried one after the other with the guess "gnn"
-    hypotheses_first: int = 1  # the same with "auto", before Hybrid A* is asked
-    learned_share: float = 0.25  # of the time that is left, for each of them at most
+QUICKER = 0.995  # of the duration: a plan that saves less is where the free horizon is solved out
+MOST_QUICKER = 4  # solves that follow a verified plan with a free horizon
 
 
 def plan(
@@ -61,14 +38,15 @@ def plan(
     Args:
         scenario: the task.
         guess: source of the first guess, one of `drake_gnnocp.plan.guess.GUESSES`; "auto" is the best there is.
-        horizon: t_final [s], or "guess" to take it from the guess, or "free" to optimise it with a weight on time.
+        horizon: t_final [s], or "guess" to take it from the guess, or "free" to optimise it with a weight on time
+            along several paths.
         max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned.
         options: see `PlanOptions`.
 
     Raises:
         ValueError: guess, horizon or max_seconds is not one of the above.
     """
-    options = _with_horizon(options or PlanOptions(), horizon)
+    options = options or PlanOptions()
     check_available(guess, options.guess)
     check_horizon(horizon)
     if not max_seconds > 0:
@@ -77,7 +55,7 @@ def plan(
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     local = scenario.translated(-x0, -y0)
     tried = _try_all(local, guess, horizon, options, begin + max_seconds)
-    best = _best(tried)
+    best = _best(tried, horizon)
     if best.start is None:  # nothing was found in time: the least there is to show
         best = replace(best, start=straight_guess(local, options.guess).trajectory)
     return _result(scenario, best, tried, time.monotonic() - begin)
@@ -90,13 +68,6 @@ def check_horizon(horizon: Horizon) -> None:
         raise ValueError(f"horizon: must be 'guess', 'free' or 0 to {LONGEST:g} seconds, not {horizon!r}")
 
 
-def _with_horizon(options: PlanOptions, horizon: Horizon) -> PlanOptions:
-    if horizon != "free":
-        return options
-    problem = replace(options.refine.problem, free_horizon=True)
-    return replace(options, refine=replace(options.refine, problem=problem))
-
-
 @dataclass(frozen=True)
 class _Tried:
     """An attempt with what it leaves behind, near the origin."""
@@ -106,108 +77,81 @@ class _Tried:
     outcome: Optimised | None = None  # None where nothing was solved
 
 
-@dataclass(frozen=True)
-class _Strategy:
-    """One way to try."""
-
-    source: str  # of the guess
-    make_guess: Callable[[], Guess]
-    slack: float  # duration given to the optimiser over the guess's
-    share: float = 1.0  # of the time that is left after the guess, to be used at most
-    timed: bool = False  # whether the guess's timing is that of an optimum already
-
-
 def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float) -> list[_Tried]:
-    """Try one strategy after the other until a plan is verified or the time is over."""
-    tried = []
-    for strategy in _strategies(scenario, guess, horizon, options, deadline):
+    """Try one strategy after the other until a plan is verified, and no better is looked for, or the time is over."""
+    tried: list[_Tried] = []
+    for strategy in strategies(scenario, guess, horizon, options, deadline):
+        verified = any(each.attempt.verified for each in tried)
+        if tried and time.monotonic() >= deadline - options.refine.reserve:
+            break
+        if verified and not strategy.improves:
+            continue
         tried.append(_try(scenario, strategy, horizon, options, deadline))
         attempt = tried[-1].attempt
         logger.info("%s: %s", attempt.guess, attempt.reason or "verified")
-        if attempt.verified or time.monotonic() >= deadline:
+        refused = tried[-1].start is not None and tried[-1].outcome is None  # and any later one would be
+        if refused or (attempt.verified and horizon != "free"):
             break
     return tried
 
 
-def _strategies(
-    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
-) -> Iterator[_Strategy]:
-    straight = _Strategy("straight", lambda: straight_guess(scenario, options.guess), options.slack)
-    if guess == "straight":
-        yield straight
-        return
-    if guess == "gnn" or guess == "auto" and _has_network(options):
-        yield from _learned_strategies(scenario, guess, options)
-    if guess == "gnn":
-        return
-    now = time.monotonic()
-    source, search = ("rrt_star", rrt_star_guess) if guess == "rrt_star" else ("hybrid_astar", hybrid_astar_guess)
-    found: list[Guess] = []  # the searches are deterministic: a second attempt takes the path again
-
-    def searched() -> Guess:
-        if not found:
-            found.append(search(scenario, options.guess, now + SEARCH_SHARE * (deadline - now)))
-        return found[0]
-
-    fixed = not isinstance(horizon, str)  # the slack has no effect: a second attempt would be the same solve
-    yield _Strategy(source, searched, options.slack, share=1.0 if fixed else 0.5)
-    if found[0].trajectory is None:
-        if source == "hybrid_astar":
-            yield replace(straight, share=0.5)  # seldom enough, but an attempt to look at
-    elif not fixed:
-        yield _Strategy(source, searched, options.retry_slack)
-
-
-def _learned_strategies(scenario: Scenario, guess: str, options: PlanOptions) -> Iterator[_Strategy]:
-    """The network's best hypotheses, the first of which takes the time of making all."""
-    made: list[Guess] = []
-
-    def first() -> Guess:
-        made.extend(gnn_guesses(scenario, options.guess))
-        return made[0]
-
-    learned = _Strategy("gnn", first, slack=1.0, share=options.learned_share, timed=True)
-    yield learned
-    tries = options.hypotheses if guess == "gnn" else options.hypotheses_first
-    for other in made[1:tries]:
-        yield replace(learned, make_guess=partial(_same, other))
-
-
-def _has_network(options: PlanOptions) -> bool:
-    try:
-        load_network(options.guess.weights)
-    except GuessUnavailable:
-        return False
-    return True
-
-
-def _same(guess: Guess) -> Guess:
-    return guess
-
-
-def _try(scenario: Scenario, strategy: _Strategy, horizon: Horizon, options: PlanOptions, deadline: float) -> _Tried:
-    begin = time.monotonic()
-    made = strategy.make_guess()
-    start = made.trajectory
+def _try(scenario: Scenario, strategy: Strategy, horizon: Horizon, options: PlanOptions, deadline: float) -> _Tried:
+    begin = time.monotonic() - strategy.guess_seconds
+    start = strategy.guess.trajectory
     if start is None:
-        return _Tried(_unsolved(strategy, time.monotonic() - begin, made.reason), None)
+        return _Tried(_unsolved(strategy, time.monotonic() - begin, strategy.guess.reason), None)
     duration = start.duration * strategy.slack if isinstance(horizon, str) else float(horizon)
     reason = _refusal(start, duration, scenario)
     if reason:
         return _Tried(_unsolved(strategy, time.monotonic() - begin, reason), start)
-    # with a free horizon plans end near the limits, where the speed planner's timing already is
-    start = (
-        with_duration(start, duration)
-        if horizon == "free" or strategy.timed
-        else gently_timed(start, duration, scenario.vehicle)
-    )
+    start = _timed(scenario, strategy, horizon, options, duration)
     now = time.monotonic()
     left = deadline - now
     seconds = max(strategy.share * left, min(left, LEAST_SECONDS))
-    outcome = optimise(scenario, start, options.refine, now + seconds)
+    outcome = _optimised(scenario, start, strategy, horizon, options, now + seconds)
     if not outcome.rounds:
         return _Tried(_unsolved(strategy, now - begin, outcome.reason or TOO_LATE), start)
     return _Tried(_solved(strategy, now - begin, outcome), start, outcome)
+
+
+def _timed(
+    scenario: Scenario, strategy: Strategy, horizon: Horizon, options: PlanOptions, duration: float
+) -> Trajectory:
+    """The strategy's guess with the knots and the timing the optimiser starts from."""
+    start, path = strategy.guess.trajectory, strategy.guess.path
+    assert start is not None
+    if strategy.fine and path is not None:
+        start = fine_guess(path, scenario.vehicle, start, strategy.slack, options.guess.speed, options.fine)
+        return start if isinstance(horizon, str) else with_duration(start, duration)
+    if horizon == "free" or strategy.timed:  # plans end near the limits, where the speed planner's timing already is
+        return with_duration(start, duration)
+    return gently_timed(start, duration, scenario.vehicle)
+
+
+def _optimised(
+    scenario: Scenario, start: Trajectory, strategy: Strategy, horizon: Horizon, options: PlanOptions, deadline: float
+) -> Optimised:
+    free = replace(options.refine, problem=replace(options.refine.problem, free_horizon=True))
+    if strategy.fine:
+        refine = fine_refine(scenario, start, options.refine, options.fine)  # stays near, which a free horizon cannot
+    else:
+        refine = free if horizon == "free" else options.refine
+    outcome = optimise(scenario, start, refine, deadline)
+    return _quicker(scenario, outcome, free, deadline) if horizon == "free" else outcome
+
+
+def _quicker(scenario: Scenario, outcome: Optimised, free: RefineOptions, deadline: float) -> Optimised:
+    """Solve a verified plan with a free horizon, again while that makes it quicker: the rows follow the knots."""
+    for _ in range(MOST_QUICKER):
+        if not outcome.verification.verified or time.monotonic() >= deadline - free.reserve:
+            break
+        again = optimise(scenario, outcome.trajectory, free, deadline)
+        better = again.trajectory.duration < QUICKER * outcome.trajectory.duration
+        kept = again if better and again.verification.verified else outcome
+        outcome = replace(kept, rounds=outcome.rounds + again.rounds)
+        if kept is not again:
+            break
+    return outcome
 
 
 def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
@@ -221,11 +165,11 @@ def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
     return ""
 
 
-def _unsolved(strategy: _Strategy, guess_seconds: float, reason: str) -> Attempt:
-    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, "", None, False, reason)
+def _unsolved(strategy: Strategy, guess_seconds: float, reason: str) -> Attempt:
+    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, 0, "", None, False, reason)
 
 
-def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
+def _solved(strategy: Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
     rounds = outcome.rounds
     return Attempt(
         guess=strategy.source,
@@ -233,6 +177,7 @@ def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> At
         build_seconds=sum(r.build_seconds for r in rounds),
         solve_seconds=sum(r.solve_seconds for r in rounds),
         iterations=sum(r.iterations for r in rounds),
+        first_iterations=rounds[0].iterations,
         refinements=len(rounds) - 1,
         solver_status=rounds[-1].status,
         cost=outcome.cost.J,
@@ -241,11 +186,14 @@ def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> At
     )
 
 
-def _best(tried: list[_Tried]) -> _Tried:
-    """The best of what was solved, else the last that has a guess."""
-    solved = [(badness(each.outcome.verification), i) for i, each in enumerate(tried) if each.outcome is not None]
+def _best(tried: list[_Tried], horizon: Horizon) -> _Tried:
+    """The best of what was solved (the quickest, where the horizon is free), else the last that has a guess."""
+    solved = [each for each in tried if each.outcome is not None]
+    verified = [each for each in solved if each.attempt.verified]
+    if horizon == "free" and verified:
+        return min(verified, key=lambda each: each.outcome.trajectory.duration if each.outcome else 0.0)
     if solved:
-        return tried[min(solved)[1]]
+        return min(solved, key=lambda each: badness(each.outcome.verification) if each.outcome else (0, 0.0, 0.0))
     return next((each for each in reversed(tried) if each.start is not None), tried[0])
 
 

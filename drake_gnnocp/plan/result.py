@@ -24,6 +24,7 @@ class Attempt:
     build_seconds: float  # s, all rounds
     solve_seconds: float  # s, all rounds
     iterations: int  # of Ipopt, all rounds
+    first_iterations: int  # the same, first round
     refinements: int  # rounds after the first solve
     solver_status: str  # Ipopt's last word, "" where there was no solve
     cost: float | None  # J, None where there was no solve
@@ -53,7 +54,10 @@ class Plan:
     @property
     def cut_short(self) -> bool:
         """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
-        return self.verified and self.attempts[-1].solver_status == OUT_OF_TIME
+        if not self.verified or self.cost is None:
+            return False
+        reported = [attempt for attempt in self.attempts if attempt.verified and attempt.cost == self.cost.J]
+        return any(attempt.solver_status == OUT_OF_TIME for attempt in reported)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""

@@ -17,3 +17,8 @@ class GearedPath:
     poses: np.ndarray  # (N, 3) x, y, theta [m, m, rad], theta continuous (no jumps by 2 pi)
     gears: np.ndarray  # (N,) +1 forward, -1 reverse; gears[0] == gears[1]
     curvatures: np.ndarray  # (N,) tan(phi) / L_w, positive left whatever the gear [1/m]; curvatures[0] == curvatures[1]
+
+
+def n_sections(path: GearedPath) -> int:
+    """Moves in one gear along a path: one more than changes of gear."""
+    return 1 + int(np.count_nonzero(np.diff(path.gears)))

@@ -1,0 +1,130 @@
+"""What the planner tries, in order: where each guess comes from, and how it is given to the optimiser."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from drake_gnnocp.ocp.refine import RefineOptions
+from drake_gnnocp.plan.fine import FineOptions
+from drake_gnnocp.plan.guess import (
+    Guess,
+    GuessOptions,
+    gnn_guesses,
+    has_network,
+    hybrid_astar_guess,
+    rrt_star_guess,
+    straight_guess,
+)
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions
+from drake_gnnocp.search.moves import Costs
+from drake_gnnocp.search.path import n_sections
+
+Horizon = float | str  # seconds, "guess" or "free"
+SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A* or RRT*
+# where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
+# again could have gone 5 m
+QUICK = Costs(reverse=0.0, steering=0.0, gear_change=5.0, steering_change=0.2)
+
+
+def other_searches() -> tuple[HybridAStarOptions, ...]:
+    """Searches by time with finer moves from the beginning: other paths to optimise where the horizon is free."""
+    return tuple(HybridAStarOptions(costs=QUICK, schedule=SCHEDULE[first:]) for first in (1, 2))
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """How to plan."""
+
+    guess: GuessOptions = field(default_factory=GuessOptions)
+    refine: RefineOptions = field(default_factory=RefineOptions)
+    slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
+    retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
+    fine: FineOptions = field(default_factory=FineOptions)
+    hypotheses: int = 3  # of the network, tried one after the other with the guess "gnn"
+    hypotheses_first: int = 1  # the same with "auto", before Hybrid A* is asked
+    other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """One way to try."""
+
+    source: str  # of the guess
+    guess: Guess
+    guess_seconds: float  # s, to make it; 0 where an earlier strategy had it made
+    slack: float  # duration given to the optimiser over the guess's
+    share: float = 1.0  # of the time that is left, to be used at most
+    fine: bool = False  # whether to plan finely, see `plan.fine`
+    timed: bool = False  # whether the guess has the timing of an optimum already
+    improves: bool = False  # whether to try it although there is a verified plan: it may be quicker
+
+
+def strategies(
+    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
+) -> Iterator[Strategy]:
+    """The strategies in turn, each with its guess made when its turn comes.
+
+    Args:
+        scenario: the task, near the origin.
+        guess: source of the first guess.
+        horizon: see `planner.plan`.
+        options: see `PlanOptions`.
+        deadline: instant of `time.monotonic()` [s].
+    """
+    if guess == "straight":
+        yield Strategy("straight", straight_guess(scenario, options.guess), 0.0, options.slack)
+        return
+    if guess == "gnn" or (guess == "auto" and has_network(options.guess)):
+        n = options.hypotheses if guess == "gnn" else options.hypotheses_first
+        yield from _learned(scenario, options, n)
+    if guess == "gnn":
+        return
+    if guess == "rrt_star":
+        first = _sampled(scenario, options, deadline)
+    else:
+        first = _searched(scenario, options, options.guess.search, deadline)
+    if first.guess.path is None:
+        yield first
+        if guess == "rrt_star":
+            return
+        straight = straight_guess(scenario, options.guess)  # seldom enough, but an attempt to look at
+        yield Strategy("straight", straight, 0.0, options.slack, share=0.5)
+        return
+    again = replace(first, guess_seconds=0.0)
+    yield replace(first, share=0.4, improves=horizon == "free")
+    for search in options.other_searches if horizon == "free" and guess != "rrt_star" else ():
+        found = _searched(scenario, options, search, deadline)
+        if found.guess.path is not None:
+            yield replace(found, share=0.5, improves=True)
+    if not first.fine:
+        yield replace(again, share=0.6, fine=True)
+    if isinstance(horizon, str):  # to a fixed one the slack makes no difference
+        yield replace(again, slack=options.retry_slack)
+
+
+def _learned(scenario: Scenario, options: PlanOptions, n: int) -> Iterator[Strategy]:
+    """The network's n best hypotheses; the first takes the time of making all."""
+    begin = time.monotonic()
+    guesses = gnn_guesses(scenario, options.guess)
+    seconds = time.monotonic() - begin
+    for i, guess in enumerate(guesses[:n]):
+        yield Strategy("gnn", guess, 0.0 if i else seconds, slack=1.0, share=0.25, timed=True)
+
+
+def _sampled(scenario: Scenario, options: PlanOptions, deadline: float) -> Strategy:
+    begin = time.monotonic()
+    guess = rrt_star_guess(scenario, options.guess, begin + SEARCH_SHARE * (deadline - begin))
+    return Strategy("rrt_star", guess, time.monotonic() - begin, options.slack)
+
+
+def _searched(scenario: Scenario, options: PlanOptions, search: HybridAStarOptions, deadline: float) -> Strategy:
+    begin = time.monotonic()
+    until = begin + SEARCH_SHARE * (deadline - begin)
+    guess = hybrid_astar_guess(scenario, replace(options.guess, search=search), until)
+    now = time.monotonic()
+    hurried = deadline - now < options.fine.hurry
+    fine = guess.path is not None and (hurried or n_sections(guess.path) >= options.fine.sections)
+    return Strategy("hybrid_astar", guess, now - begin, options.slack, fine=fine)
