@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drake_gnnocp.ocp.convex_step import ConvexOptions, convex_steps
 from drake_gnnocp.ocp.cost import Cost, evaluate_cost
 from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
 from drake_gnnocp.ocp.pairs import Pair, close_pairs, overlapping_pairs
@@ -43,6 +44,7 @@ class RefineOptions:
 
     problem: ProblemOptions = field(default_factory=ProblemOptions)
     ipopt: IpoptOptions = field(default_factory=IpoptOptions)
+    convex: ConvexOptions = field(default_factory=ConvexOptions)
     threshold: float = 0.02  # m, pairs that come nearer get a line
     gap: float = 0.02  # m, first gap of a line
     deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
@@ -67,6 +69,8 @@ class Round:
     rows: int
     lines: int
     verification: Verification
+    convex_steps: int = 0
+    convex_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,12 +94,20 @@ def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, dead
         deadline: instant of `time.monotonic()` [s].
     """
     options = _fitted_to_ends(scenario, options)
+    stepped = convex_steps(scenario, guess, options.problem, options.convex)
+    guess, cn, cs = stepped.trajectory, stepped.steps, stepped.seconds
+    if cn:
+        options = replace(options, problem=replace(options.problem, guess_share=1.0))
+    if stepped.settled:
+        options = replace(options, ipopt=replace(options.ipopt, objective_change=5e-3, settled_iterations=1, complementarity=0.1))
     gaps = {pair: options.gap for pair in overlapping_pairs(scenario, guess)}
     rounds: list[Round] = []
     start = guess
     best: tuple[Trajectory, Verification | None] = (guess, None)
     while len(rounds) <= options.max_rounds and time.monotonic() < deadline - options.reserve:
         found, report = _solve_once(scenario, start, gaps, options, deadline - options.reserve)
+        if not rounds:
+            report = replace(report, solve_seconds=report.solve_seconds + cs, convex_steps=cn, convex_seconds=cs)
         rounds.append(report)
         if best[1] is None or badness(report.verification) < badness(best[1]):
             best = (found, report.verification)
