@@ -8,8 +8,8 @@ With the knots z at hand, d the change of all of them, and the letters of the ot
           distance_i + gradient_i . d_k >= margin_i - s_i,  s_i >= 0          (half planes of near pairs)
 
 J1 has its exact Hessian here, which a limited-memory BFGS has to find out iteration by iteration. Only the obstacles
-are soft: a step that meets the dynamics exists almost always, however far the guess is from them. rho falls from step
-to step; at the last ones the defects left are quadratic in a small change.
+are soft: a step that meets the dynamics exists almost always, however far the guess is from them. rho falls as the
+steps get shorter, and the defects fall with their square.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 import shapely
 from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, SolverOptions
 
-from drake_gnnocp.ocp.cost import proximity
+from drake_gnnocp.ocp.cost import convex_proximity, proximity
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.half_planes import POINTS, SWEPT_GAP, HalfPlanes, half_planes
 from drake_gnnocp.ocp.problem import ProblemOptions
@@ -31,9 +31,11 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
-INTERVALS_PER_BLOCK = 20  # of linearised dynamics: one dense matrix each
+# pydrake takes dense matrices: small blocks cost calls, large ones zeros
+INTERVALS_PER_BLOCK = 20  # of linearised dynamics
 KNOTS_PER_BLOCK = 8  # of the cost
-FIRST_INPUT = N_STATES
+PAIRS_PER_BLOCK = 100  # of half planes
+POSE, FIRST_INPUT = int(State.V), N_STATES  # columns of a knot: x, y, theta | v, phi | a, w
 WALL = 20.0  # m, thickness of the walls around the bounds
 
 
@@ -41,14 +43,18 @@ WALL = 20.0  # m, thickness of the walls around the bounds
 class ConvexOptions:
     """How many steps and how large."""
 
-    most_steps: int = 6  # 0: none
-    settled_cost: float = 2e-3  # relative change of the cost below which there are no more steps
-    settled_defect: float = 1e-4  # m (and rad), largest defect of a settled trajectory
-    settled_missing: float = 0.01  # m, largest missing margin of a settled trajectory
+    most_steps: int = 12  # 0: none
+    useless: float = 0.1  # m (and rad), largest defect with which steps that did not settle are still worth a start
+    settled_cost: float = 2e-3  # relative, change of the cost in the last step before a stop
+    settled_defect: float = 1e-4  # m (and rad), largest defect left
+    settled_missing: float = 0.01  # m, largest margin missing
     near: float = 0.8  # m, pairs that get half planes
     penalty: float = 30.0  # 1/m/s, of a missing margin
+    reach: tuple[float, float, float] = (1.5, 1.5, 0.5)  # m, m, rad: longer steps are shortened to it
     proximal: float = 0.1  # 1/s, rho of the first step
-    relaxation: float = 0.1  # what rho is multiplied by after every step
+    relaxation: float = 0.1  # what rho is multiplied by after a step that is shorter than the one before
+    damping: float = 10.0  # ... and after one that is not: two solutions then take turns
+    shrinking: float = 0.8  # of the step before: what counts as shorter
     near_limit: float = 0.5  # of a limit: what is beyond it gets the limit as a row
     tolerance: float = 1e-3  # of the solver
 
@@ -63,17 +69,20 @@ class ConvexSteps:
     seconds: float  # s
 
 
-def convex_steps(scenario: Scenario, guess: Trajectory, problem: ProblemOptions, options: ConvexOptions) -> ConvexSteps:
-    """Take convex steps until the cost has settled or there were enough.
+def convex_steps(
+    scenario: Scenario, guess: Trajectory, problem: ProblemOptions, options: ConvexOptions, deadline: float = math.inf
+) -> ConvexSteps:
+    """Take convex steps until they have settled or there were enough.
 
     Args:
         scenario: the task, near the origin.
         guess: equally spaced knots, any quality.
-        problem: gives the cost's weights and the margins.
+        problem: gives the cost's weights and the margins; its horizon is taken as fixed.
         options: see `ConvexOptions`.
+        deadline: instant of `time.monotonic()` [s] after which no step begins.
 
     Returns:
-        The guess itself with 0 steps where a program could not be solved at once.
+        The guess itself where the first program could not be solved, or the steps led to nothing that can be driven.
     """
     begin = time.perf_counter()
     h = guess.duration / (len(guess) - 1)
@@ -81,27 +90,30 @@ def convex_steps(scenario: Scenario, guess: Trajectory, problem: ProblemOptions,
     turns = 2 * np.pi * np.round((knots[-1, State.THETA] - scenario.goal[2]) / (2 * np.pi))
     for end, pose in ((0, scenario.start), (-1, scenario.goal + [0.0, 0.0, turns])):
         knots[end] = np.append(pose, np.zeros(N_KNOT - len(pose)))
-    program = _StepProgram(scenario, len(knots), h, problem, options)
-    steps, cost, settled = 0, math.inf, False
-    planes = program.planes(knots)
-    while steps < options.most_steps and not settled:
-        change = program.solve(knots, planes, options.proximal * options.relaxation**steps)
+    program = StepProgram(scenario, len(knots), h, problem, options)
+    planes, cost, proximal, largest = program.planes(knots), math.inf, options.proximal, math.inf
+    steps, settled = 0, False
+    while steps < options.most_steps and not settled and time.monotonic() < deadline:
+        change = program.solve(knots, planes, proximal)
         if change is None:
             break
-        knots, steps, before = knots + change, steps + 1, cost
-        cost = program.cost(knots)
-        gap = np.abs(defects(knots, h, scenario.vehicle.wheelbase)[0]).max()
-        planes = program.planes(knots)
+        before, largest_before = cost, largest
+        largest = float((np.abs(change[:, :POSE]).max(axis=0) / options.reach).max())
+        knots, steps = knots + change / max(1.0, largest), steps + 1
+        proximal *= options.relaxation if largest < options.shrinking * largest_before else options.damping
+        planes, cost = program.planes(knots), program.cost(knots)
         settled = (
             abs(before - cost) < options.settled_cost * cost
-            and gap < options.settled_defect
+            and program.gap(knots) < options.settled_defect
             and program.missing(planes).max(initial=0.0) < options.settled_missing
         )
-    trajectory = Trajectory(guess.t, knots[:, :N_STATES], knots[:, N_STATES:]) if steps else guess
+    trajectory = guess
+    if steps and program.gap(knots) < options.useless:
+        trajectory = Trajectory(guess.t, knots[:, :N_STATES], knots[:, N_STATES:])
     return ConvexSteps(trajectory, steps, settled, time.perf_counter() - begin)
 
 
-class _StepProgram:
+class StepProgram:
     """The quadratic program of a step, built once: steps change its numbers."""
 
     def __init__(
@@ -111,13 +123,13 @@ class _StepProgram:
         self._obstacles, self._margins = _guarded(scenario, problem)
         self._program = MathematicalProgram()
         self._change = self._program.NewContinuousVariables(n_knots, N_KNOT, "d")
+        self._slacks = np.zeros(0, dtype=object)
         fixed = self._change[[0, -1]].ravel()
         self._program.AddBoundingBoxConstraint(np.zeros(len(fixed)), np.zeros(len(fixed)), fixed)
         self._dynamics = []
         for first in range(0, n_knots - 1, INTERVALS_PER_BLOCK):
             last = min(first + INTERVALS_PER_BLOCK, n_knots - 1)
             shape = (N_STATES * (last - first), N_KNOT * (last - first + 1))
-            # with zeros at first: `_set_dynamics` fills it
             rows = self._program.AddLinearEqualityConstraint(
                 np.zeros(shape), np.zeros(shape[0]), self._change[first : last + 1].ravel()
             )
@@ -131,6 +143,9 @@ class _StepProgram:
         self._solver, self._settings = ClarabelSolver(), SolverOptions()
         for name in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
             self._settings.SetOption(self._solver.solver_id(), name, options.tolerance)
+        # the numbers are of order 1 and a thousandth is enough: without these three it takes 0.55 times as long
+        for name in ("equilibrate_enable", "iterative_refinement_enable", "presolve_enable"):
+            self._settings.SetOption(self._solver.solver_id(), name, 0)
         vehicle = scenario.vehicle
         self._limits = np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max])
 
@@ -140,9 +155,13 @@ class _StepProgram:
         j2 = proximity(knots[:, :2], self._scenario.centroids, self._weights.gamma)[0].sum()
         return self._h * float(self._weights.lambda1 * j1 + self._weights.lambda2 * j2)
 
+    def gap(self, knots: np.ndarray) -> float:
+        """The largest defect of knots (N, 7) [m, rad]."""
+        return float(np.abs(defects(knots, self._h, self._scenario.vehicle.wheelbase)[0]).max())
+
     def planes(self, knots: np.ndarray) -> HalfPlanes:
         """Rows of the obstacles near knots (N, 7)."""
-        poses = knots[:, : State.V]
+        poses = knots[:, :POSE]
         return half_planes(poses, self._obstacles, self._scenario.vehicle, self._options.near)
 
     def missing(self, planes: HalfPlanes) -> np.ndarray:
@@ -155,13 +174,10 @@ class _StepProgram:
         """The change of the knots (N, 7), in SI units; None where the solver failed."""
         self._set_dynamics(knots)
         self._set_cost(knots, proximal)
-        added: list[Binding] = self._limit_rows(knots)
-        if len(planes):
-            added += self._plane_rows(planes)
+        added = self._limit_rows(knots) + (self._plane_rows(planes) if len(planes) else [])
         result = self._solver.Solve(self._program, None, self._settings)
         for binding in added:
-            if not self._program.RemoveConstraint(binding):
-                raise RuntimeError
+            self._program.RemoveConstraint(binding)
         return result.GetSolution(self._change) if result.is_success() else None
 
     def _set_dynamics(self, knots: np.ndarray) -> None:
@@ -188,7 +204,7 @@ class _StepProgram:
             term.UpdateCoefficients(matrix.reshape(n * N_KNOT, -1), gradient[first:last].ravel(), 0.0, is_convex=True)
 
     def _limit_rows(self, knots: np.ndarray) -> list[Binding]:
-        values, change = knots[1:-1, State.V :], self._change[1:-1, State.V :]
+        values, change = knots[1:-1, POSE:], self._change[1:-1, POSE:]
         limits = np.broadcast_to(self._limits, values.shape)
         close = np.abs(values) > self._options.near_limit * limits
         if not close.any():
@@ -197,46 +213,29 @@ class _StepProgram:
         return [self._program.AddBoundingBoxConstraint(-limits - values, limits - values, change[close])]
 
     def _plane_rows(self, planes: HalfPlanes) -> list[Binding]:
-        n = len(planes)
-        if not hasattr(self, "_slack") or len(self._slack) < n:
-            more = n - (len(self._slack) if hasattr(self, "_slack") else 0)
-            new = self._program.NewContinuousVariables(more, "s")
-            self._program.AddBoundingBoxConstraint(np.zeros(more), np.full(more, np.inf), new)
-            self._program.AddLinearCost(np.full(more, self._options.penalty * self._h), 0.0, new)
-            self._slack = np.concatenate([self._slack, new]) if hasattr(self, "_slack") else new
-        knots, position = np.unique(planes.knot, return_inverse=True)
-        matrix, pair = np.zeros((n, POINTS, 3 * len(knots) + n)), np.arange(n)
-        for column in range(3):
-            matrix[pair, :, 3 * position + column] = planes.gradient[..., column]
-        matrix[pair, :, 3 * len(knots) + pair] = 1.0
-        lower = self.missing(planes).ravel()
-        block = np.concatenate([self._change[knots, : State.V].ravel(), self._slack[:n]])
-        upper = np.full(len(lower), np.inf)
-        return [self._program.AddLinearConstraint(matrix.reshape(len(lower), -1), lower, upper, block)]
+        self._add_slacks(len(planes) - len(self._slacks))
+        lacking, by_knot = self.missing(planes), np.argsort(planes.knot, kind="stable")
+        added = []
+        for pairs in np.array_split(by_knot, math.ceil(len(by_knot) / PAIRS_PER_BLOCK)):
+            knots, position = np.unique(planes.knot[pairs], return_inverse=True)
+            n, poses = len(pairs), POSE * len(knots)
+            matrix, i = np.zeros((n, POINTS, poses + n)), np.arange(n)
+            for column in range(POSE):
+                matrix[i, :, POSE * position + column] = planes.gradient[pairs, :, column]
+            matrix[i, :, poses + i] = 1.0
+            block = np.concatenate([self._change[knots, :POSE].ravel(), self._slacks[pairs]])
+            lower = lacking[pairs].ravel()
+            upper = np.full(len(lower), np.inf)
+            added.append(self._program.AddLinearConstraint(matrix.reshape(len(lower), -1), lower, upper, block))
+        return added
 
-
-def convex_proximity(
-    positions: np.ndarray, centroids: np.ndarray, gamma: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """J2's integrand, its gradient and the convex part of its Hessian.
-
-    Every term bends up along the line to its centroid, from 1 / sqrt(2 ln gamma) on; across it, it bends down.
-
-    Args:
-        positions: (N, 2) [m].
-        centroids: (J, 2) [m].
-        gamma: base, > 1.
-
-    Returns:
-        (N,) values, (N, 2) gradients [1/m] and (N, 2, 2) positive semidefinite matrices [1/m^2].
-    """
-    value, gradient = proximity(positions, centroids, gamma)
-    difference = positions[:, None] - centroids
-    squared = np.sum(difference**2, axis=2)
-    c = math.log(gamma)
-    along = 2 * c * np.exp(-c * squared) * np.maximum(2 * c * squared - 1, 0.0) / np.maximum(squared, 1e-12)
-    bend = (along[..., None] * difference).transpose(0, 2, 1) @ difference
-    return value, gradient, bend
+    def _add_slacks(self, n: int) -> None:
+        if n <= 0:
+            return
+        new = self._program.NewContinuousVariables(n, "s")
+        self._program.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), new)
+        self._program.AddLinearCost(np.full(n, self._options.penalty * self._h), 0.0, new)
+        self._slacks = np.concatenate([self._slacks, new])
 
 
 def _guarded(scenario: Scenario, problem: ProblemOptions) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
