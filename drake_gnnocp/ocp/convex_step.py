@@ -82,7 +82,7 @@ def convex_steps(
         deadline: instant of `time.monotonic()` [s] after which no step begins.
 
     Returns:
-        The guess itself where the first program could not be solved, or the steps led to nothing that can be driven.
+        The guess itself where a program could not be solved, or the steps led to nothing that can be driven.
     """
     begin = time.perf_counter()
     h = guess.duration / (len(guess) - 1)
@@ -95,8 +95,8 @@ def convex_steps(
     steps, settled = 0, False
     while steps < options.most_steps and not settled and time.monotonic() < deadline:
         change = program.solve(knots, planes, proximal)
-        if change is None:
-            break
+        if change is None:  # the limits that the last step went beyond cannot be held
+            return ConvexSteps(guess, steps, False, time.perf_counter() - begin)
         before, largest_before = cost, largest
         largest = float((np.abs(change[:, :POSE]).max(axis=0) / options.reach).max())
         knots, steps = knots + change / max(1.0, largest), steps + 1
