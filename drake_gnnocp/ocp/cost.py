@@ -56,6 +56,30 @@ def proximity(positions: np.ndarray, centroids: np.ndarray, gamma: float) -> tup
     return near.sum(axis=1), -2 * math.log(gamma) * np.einsum("nj,njc->nc", near, difference)
 
 
+def convex_proximity(
+    positions: np.ndarray, centroids: np.ndarray, gamma: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """J2's integrand, its gradient and the convex part of its Hessian.
+
+    Every term bends up along the line to its centroid, from 1 / sqrt(2 ln gamma) on; across it, it bends down.
+
+    Args:
+        positions: (N, 2) [m].
+        centroids: (J, 2) [m].
+        gamma: base, > 1.
+
+    Returns:
+        (N,) values, (N, 2) gradients [1/m] and (N, 2, 2) positive semidefinite matrices [1/m^2].
+    """
+    value, gradient = proximity(positions, centroids, gamma)
+    difference = positions[:, None] - centroids
+    squared = np.sum(difference**2, axis=2)
+    c = math.log(gamma)
+    along = 2 * c * np.exp(-c * squared) * np.maximum(2 * c * squared - 1, 0.0) / np.maximum(squared, 1e-12)
+    bend = (along[..., None] * difference).transpose(0, 2, 1) @ difference
+    return value, gradient, bend
+
+
 def evaluate_cost(trajectory: Trajectory, centroids: np.ndarray, weights: CostWeights) -> Cost:
     """The paper's cost of a trajectory, for obstacles with the given centroids (J, 2) [m]."""
     h = trajectory.duration / (len(trajectory) - 1)

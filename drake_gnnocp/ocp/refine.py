@@ -1,5 +1,7 @@
 """Solve, verify, refine: the loop that turns a guess into a verified plan.
 
+A few convex steps pull the guess near the optimum, and Ipopt finishes it.
+
 Triangle areas hold at the knots only, have no gradient inside a polygon, and miss edges that cross without a vertex
 inside. So every converged plan is verified densely; every (interval, convex obstacle) that came too close gets a swept
 separating line, the rows near the trajectory are chosen anew, and the program is solved again from where it stopped.
@@ -16,6 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drake_gnnocp.ocp.convex_step import ConvexOptions, ConvexSteps, convex_steps
 from drake_gnnocp.ocp.cost import Cost, evaluate_cost
 from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
 from drake_gnnocp.ocp.pairs import Pair, close_pairs, overlapping_pairs
@@ -43,6 +46,10 @@ class RefineOptions:
 
     problem: ProblemOptions = field(default_factory=ProblemOptions)
     ipopt: IpoptOptions = field(default_factory=IpoptOptions)
+    convex: ConvexOptions = field(default_factory=ConvexOptions)
+    finish: IpoptOptions = IpoptOptions(objective_change=5e-3, settled_iterations=1, complementarity=0.1)  # where the
+    # convex steps have settled: they have done the optimising
+    finish_near: float = 1.2  # m, the problem's `near` then
     threshold: float = 0.02  # m, pairs that come nearer get a line
     gap: float = 0.02  # m, first gap of a line
     deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
@@ -60,14 +67,16 @@ class Round:
     """One solve of the loop."""
 
     build_seconds: float  # s
-    solve_seconds: float  # s
-    iterations: int
+    solve_seconds: float  # s, Ipopt and the convex steps before it
+    iterations: int  # Ipopt's
     success: bool  # Ipopt's word
     status: str  # Ipopt's
     violated: tuple[str, ...]  # descriptions of the constraints that did not hold
     rows: int
     lines: int
     verification: Verification
+    convex_steps: int = 0  # quadratic programs before it
+    convex_seconds: float = 0.0  # s, of them; part of solve_seconds
 
 
 @dataclass(frozen=True)
@@ -91,13 +100,18 @@ def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, dead
         deadline: instant of `time.monotonic()` [s].
     """
     options = _fitted_to_ends(scenario, options)
-    gaps = {pair: options.gap for pair in overlapping_pairs(scenario, guess)}
+    stepped = _stepped(scenario, guess, options, deadline - options.reserve)
+    start = stepped.trajectory
+    gaps = {pair: options.gap for pair in overlapping_pairs(scenario, start)}
     rounds: list[Round] = []
-    start = guess
     best: tuple[Trajectory, Verification | None] = (guess, None)
     widened = False  # whether the solve to come only widens the gaps of a verified plan, which is kept if it fails
     while len(rounds) <= options.max_rounds and time.monotonic() < deadline - options.reserve:
-        found, report = _solve_once(scenario, start, gaps, options, deadline - options.reserve)
+        fitted = _fitted_to_start(options, stepped, guess)
+        found, report = _solve_once(scenario, start, gaps, fitted, deadline - options.reserve)
+        if not rounds:
+            seconds = report.solve_seconds + stepped.seconds
+            report = replace(report, solve_seconds=seconds, convex_steps=stepped.steps, convex_seconds=stepped.seconds)
         rounds.append(report)
         if best[1] is None or badness(report.verification) < badness(best[1]):
             best = (found, report.verification)
@@ -111,7 +125,8 @@ def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, dead
             close = close_pairs(scenario, found, options.threshold)
             start = found if min(close.values(), default=0.0) > -options.deep else start
             options = _answered(scenario, found, options)
-        else:  # what it left behind tells nothing: guard everything that is near the start
+        else:  # what it left behind tells nothing: guard everything that is near the start, the guess as it was given
+            start, stepped = guess, replace(stepped, trajectory=guess, settled=False)
             close = close_pairs(scenario, start, options.guarded)
         _add_lines(gaps, close, options)
     trajectory, check = best
@@ -146,6 +161,20 @@ def _solve_once(
         len(gaps),
         verify(scenario, trajectory),
     )
+
+
+def _stepped(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> ConvexSteps:
+    if options.problem.free_horizon or not options.convex.most_steps:
+        return ConvexSteps(guess, 0, False, 0.0)
+    return convex_steps(scenario, guess, options.problem, options.convex, deadline)
+
+
+def _fitted_to_start(options: RefineOptions, stepped: ConvexSteps, guess: Trajectory) -> RefineOptions:
+    """Convex steps leave the margins they were asked for, and when they have settled little else to do."""
+    problem = options.problem if stepped.trajectory is guess else replace(options.problem, guess_share=1.0)
+    if not stepped.settled:
+        return replace(options, problem=problem)
+    return replace(options, problem=replace(problem, near=options.finish_near), ipopt=options.finish)
 
 
 def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions:
