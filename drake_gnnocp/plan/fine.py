@@ -71,4 +71,6 @@ def fine_refine(scenario: Scenario, guess: Trajectory, refine: RefineOptions, op
         least_margin=min(refine.problem.least_margin, gap),
         limits_margin=max(refine.problem.limits_margin, options.limits_margin),
     )
-    return replace(refine, problem=problem, gap=min(refine.gap, gap), threshold=min(refine.threshold, gap))
+    convex = replace(refine.convex, most_steps=0)  # the guess is nearly a motion already, and steps would leave it
+    threshold = min(refine.threshold, gap)
+    return replace(refine, problem=problem, convex=convex, gap=min(refine.gap, gap), threshold=threshold)
