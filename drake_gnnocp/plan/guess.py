@@ -128,7 +128,7 @@ def rrt_star_guess(scenario: Scenario, options: GuessOptions, deadline: float) -
     line = rrt_star_path(scenario, options.seed, deadline=deadline, options=options.rrt_star)
     if line is None:
         reason = "out of time" if time.monotonic() > deadline else "no path"
-        return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most)")
+        return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most in each search)")
     path = geared(line, scenario.start, scenario.goal, scenario.vehicle)
     return Guess(plan_speed(path, scenario.vehicle, options.n_knots, options.speed))
 

@@ -222,7 +222,7 @@ def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
 
 
 def _unsolved(strategy: _Strategy, guess_seconds: float, reason: str) -> Attempt:
-    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, "", None, False, reason)
+    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, 0, "", None, False, reason)
 
 
 def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
@@ -233,6 +233,7 @@ def _solved(strategy: _Strategy, guess_seconds: float, outcome: Optimised) -> At
         build_seconds=sum(r.build_seconds for r in rounds),
         solve_seconds=sum(r.solve_seconds for r in rounds),
         iterations=sum(r.iterations for r in rounds),
+        first_iterations=rounds[0].iterations,
         refinements=len(rounds) - 1,
         solver_status=rounds[-1].status,
         cost=outcome.cost.J,

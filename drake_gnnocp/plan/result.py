@@ -24,6 +24,7 @@ class Attempt:
     build_seconds: float  # s, all rounds
     solve_seconds: float  # s, all rounds
     iterations: int  # of Ipopt, all rounds
+    first_iterations: int  # the same, first round
     refinements: int  # rounds after the first solve
     solver_status: str  # Ipopt's last word, "" where there was no solve
     cost: float | None  # J, None where there was no solve
