@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from drake_gnnocp.plan import guess as guess_module
 from drake_gnnocp.plan.__main__ import main
 
 BAD_INPUT = 2  # exit code
@@ -131,8 +132,6 @@ CSV_FILES: list[tuple[str | bytes, str]] = [
 ]
 OPTIONS: list[tuple[list[str], str]] = [
     (["--guess", "nonsense"], "--guess: invalid choice: 'nonsense'"),
-    (["--guess", "gnn"], "guess: 'gnn' needs trained weights, and this version has none; use hybrid_astar"),
-    (["--guess", "rrt_star"], "guess: 'rrt_star' is not part of this version; use hybrid_astar"),
     (["--horizon", "-3"], "--horizon: must be guess, free or 0 to 1000 seconds, not '-3'"),
     (["--horizon", "0"], "--horizon: must be guess, free or 0 to 1000 seconds, not '0'"),
     (["--horizon", "nan"], "--horizon: must be guess, free or 0 to 1000 seconds, not 'nan'"),
@@ -205,6 +204,16 @@ def test_a_bad_option_is_named_with_the_fault(
 ) -> None:
     name = write(tmp_path / "good.json", GOOD)
     assert message in complaint([name, *options], capsys)
+
+
+def test_a_network_without_weights_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = write(tmp_path / "good.json", GOOD)
+    monkeypatch.setattr(guess_module, "bundled_weights", lambda *_: Path("nowhere.pt"))
+    guess_module.load_network.cache_clear()
+    line = complaint([name, "--guess", "gnn"], capsys)
+    assert line == "guess: 'gnn' needs trained weights: nowhere.pt: No such file or directory"
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,13 @@
-"""Runs of the benchmark and the CSV file that holds them: one row a run, appended as it ends."""
+"""Runs of the benchmark, the rows of a CSV file."""
 
 from __future__ import annotations
 
-import csv
-import io
-import os
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-HEADER_MISMATCH = "is not a file of runs of this version; choose another --out or remove it"
+from drake_gnnocp.row_files import RunsError, append_row, read_rows
 
-
-class RunsError(ValueError):
-    """A file that does not hold runs; the message is one line."""
+__all__ = ["Run", "RunsError", "append_run", "read_runs"]
 
 
 @dataclass(frozen=True)
@@ -50,48 +43,11 @@ class Run:
         return self.build_s + self.solve_s
 
 
-NAMES = [field.name for field in fields(Run)]
-PARSERS: dict[str, Callable[[str], object]] = {"str": str, "int": int, "float": float, "bool": "True".__eq__}
-
-
 def read_runs(path: Path) -> list[Run]:
-    """All complete rows; none where there is no file. A last line that a kill cut off is dropped from the file.
-
-    Raises:
-        RunsError: the header is another one, or a row is not that of a run.
-        OSError: the file cannot be read.
-    """
-    if not path.exists():
-        return []
-    text = path.read_bytes().decode("utf-8", errors="replace")
-    complete = text[: text.rfind("\n") + 1]
-    if complete != text:
-        os.truncate(path, len(complete.encode()))
-    lines = list(csv.reader(io.StringIO(complete)))
-    if lines and lines[0] != NAMES:
-        raise RunsError(f"{path}: {HEADER_MISMATCH}")
-    return [_run(path, number, cells) for number, cells in enumerate(lines[1:], start=2)]
+    """See `read_rows`."""
+    return read_rows(path, Run)
 
 
 def append_run(path: Path, run: Run) -> None:
-    """Append a row, after the header where the file is new, in one write."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    if not path.exists() or path.stat().st_size == 0:
-        writer.writerow(NAMES)
-    writer.writerow(asdict(run).values())
-    with path.open("ab", buffering=0) as file:
-        file.write(text.getvalue().encode())
-        os.fsync(file.fileno())
-
-
-def _run(path: Path, number: int, cells: list[str]) -> Run:
-    if len(cells) != len(NAMES):
-        raise RunsError(f"{path}: line {number}: has {len(cells)} cells, not {len(NAMES)}")
-    values: dict[str, Any] = {}
-    for field, cell in zip(fields(Run), cells, strict=True):
-        try:
-            values[field.name] = PARSERS[str(field.type)](cell)
-        except ValueError:
-            raise RunsError(f"{path}: line {number}: {field.name}: {cell!r} is not a number") from None
-    return Run(**values)
+    """See `append_row`."""
+    append_row(path, run)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -50,7 +51,10 @@ def save_figure(figure: Figure, path: Path | str) -> None:
     path = Path(path)
     temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
     try:
-        figure.savefig(temporary, format=path.suffix[1:] or "png", dpi=DPI, bbox_inches="tight", pad_inches=0.08)
+        kind = path.suffix[1:] or "png"
+        metadata = {"CreationDate": None} if kind == "pdf" else None  # the same picture is the same file
+        with rc_context({"pdf.fonttype": 42}):  # TrueType: publishers refuse the default
+            figure.savefig(temporary, format=kind, dpi=DPI, bbox_inches="tight", pad_inches=0.08, metadata=metadata)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -139,7 +139,7 @@ def rrt_star_guess(scenario: Scenario, options: GuessOptions, deadline: float) -
     line = rrt_star_path(scenario, options.seed, deadline=deadline, options=options.rrt_star)
     if line is None:
         reason = "out of time" if time.monotonic() > deadline else "no path"
-        return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most)")
+        return Guess(None, f"RRT*: {reason} ({options.rrt_star.most_iterations} iterations at most in each search)")
     return _driven(geared(line, scenario.start, scenario.goal, scenario.vehicle), scenario, options)
 
 

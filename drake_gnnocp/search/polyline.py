@@ -1,7 +1,7 @@
 r"""From a line of straight pieces to poses with gears: what a search without kinematics leaves open.
 
-Each piece, in the direction d_k, is driven forwards with the heading d_k or backwards with d_k + pi. The gears are those
-with the least
+Each piece, in the direction d_k, is driven forwards with the heading d_k or backwards with d_k + pi. The gears are
+those with the least
 
     sum_k |theta_{k+1} - theta_k|  +  CHANGE * (number of gear changes)  +  REVERSE * (length in reverse),
 

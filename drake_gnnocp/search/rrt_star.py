@@ -3,7 +3,8 @@ r"""RRT*: the paper's baseline, which knows nothing of steering (Karaman and Fra
 It samples positions of the middle of the car's rectangle, and joins them by straight lines. A car that drives straight,
 forwards or backwards, sweeps a rectangle as wide as it is and longer than the line by half a car at either end: one
 exact test a line. Near the start and the goal the car stands across the line more often than not, so there a disc as
-wide as the car is all that is asked to be free.
+wide as the car is all that is asked to be free; and everywhere, where that gives no path: the rectangle does not get
+around all bends that the car can take.
 
 How long it goes on is counted in iterations, not in seconds: the same seed gives the same path.
 """
@@ -30,9 +31,9 @@ class RrtStarOptions:
     """Options of the search."""
 
     reach: float = 5.0  # m, longest line
-    near: float = 5.0  # m, lines with an end this near to start or goal are tested with the disc only
-    least_iterations: int = 1500  # a path found earlier is improved until then
-    most_iterations: int = 15000  # in each of the regions searched, see `regions`
+    near: float = 5.0  # m, of the start and the goal, within which the ends of lines are tested with the disc only
+    most_iterations: int = 15000  # until there is a path; of each search: two tests, and up to two `regions`
+    improving_iterations: int = 1500  # after the first path
 
 
 DEFAULT_OPTIONS = RrtStarOptions()
@@ -64,21 +65,22 @@ def rrt_star_path(
         options: see `RrtStarOptions`.
     """
     deadline = min(deadline, time.monotonic() + max_seconds)
-    for region in search_regions(scenario):
-        path = _search(_Lines(scenario, region, options), region, seed, deadline, options)
-        if path is not None:
-            return path
+    for near in (options.near, math.inf):
+        for region in search_regions(scenario):
+            path = _search(_Lines(scenario, region, near), region, seed, deadline, options)
+            if path is not None:
+                return path
     return None
 
 
 class _Lines:
     """The collision test of straight drives in one region."""
 
-    def __init__(self, scenario: Scenario, region: Box, options: RrtStarOptions) -> None:
+    def __init__(self, scenario: Scenario, region: Box, near: float) -> None:
         vehicle = scenario.vehicle
         self.start, self.goal = vehicle.footprints(np.stack([scenario.start, scenario.goal])).mean(axis=1)
         self._half_length, self._half_width = 0.5 * vehicle.length, 0.5 * vehicle.width
-        self._near = options.near
+        self._near = near
         self._low, self._high = np.array(region[0::2]), np.array(region[1::2])
         self._blocked = shapely.union_all(list(scenario.polygons))
         shapely.prepare(self._blocked)
@@ -88,15 +90,35 @@ class _Lines:
         ends = np.array([a, b])
         if shapely.dwithin(self._blocked, shapely.linestrings(ends), self._half_width):
             return False
+        if not ((ends - self._half_width >= self._low) & (ends + self._half_width <= self._high)).all():
+            return False
+        for end in (self.start, self.goal):
+            a, b = _outside(a, b, end, self._near)
         length = math.dist(a, b)
-        if length == 0.0 or any(math.dist(p, q) < self._near for p in (a, b) for q in (self.start, self.goal)):
-            return bool(((ends - self._half_width >= self._low) & (ends + self._half_width <= self._high)).all())
+        if length == 0.0:
+            return True
         along = (b - a) / length
         across = np.array([-along[1], along[0]]) * self._half_width
         rear, front = a - self._half_length * along, b + self._half_length * along
         swept = np.array([rear - across, front - across, front + across, rear + across])
         inside = ((swept >= self._low) & (swept <= self._high)).all()
         return bool(inside) and not shapely.intersects(self._blocked, shapely.polygons(swept))
+
+
+def _outside(a: np.ndarray, b: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """The line from a to b without what lies at its ends in a circle; (b, b) where that is all of it."""
+    starts, ends = math.dist(a, centre) < radius, math.dist(b, centre) < radius
+    if starts and ends:
+        return b, b
+    if not starts and not ends:
+        return a, b
+    inner, outer = (a, b) if starts else (b, a)
+    step, off = outer - inner, inner - centre
+    # |off + t step| = radius, 0 < t < 1
+    square, half = float(step @ step), float(step @ off)
+    t = (-half + math.sqrt(half**2 + square * (radius**2 - float(off @ off)))) / square
+    rim = inner + t * step
+    return (rim, b) if starts else (a, rim)
 
 
 def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: RrtStarOptions) -> np.ndarray | None:
@@ -127,16 +149,30 @@ def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: Rrt
     planner.setRange(options.reach)
     planner.setup()
 
+    first: list[int] = []  # iteration of the first path
+
     def is_over() -> bool:
-        # the problem learns of a solution when the planner ends
-        enough = options.least_iterations if math.isfinite(planner.bestCost().value()) else options.most_iterations
-        return planner.numIterations() >= enough or time.monotonic() > deadline
+        done = planner.numIterations()
+        # the problem learns of a path when the planner ends
+        if not first and math.isfinite(planner.bestCost().value()):
+            first.append(done)
+        limit = first[0] + options.improving_iterations if first else options.most_iterations
+        return done >= limit or time.monotonic() > deadline
 
     planner.solve(base.PlannerTerminationCondition(is_over))
     if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()
-    return np.array([_position(path.getState(i)) for i in range(path.getStateCount())])
+    return _straightened(np.array([_position(path.getState(i)) for i in range(path.getStateCount())]), lines)
+
+
+def _straightened(path: np.ndarray, lines: _Lines) -> np.ndarray:
+    """The path (N, 2) without the corners that a free line, whatever its length, can leave out."""
+    kept, at = [0], 0
+    while at < len(path) - 1:
+        at = next((k for k in range(len(path) - 1, at + 1, -1) if lines.is_free(path[at], path[k])), at + 1)
+        kept.append(at)
+    return path[kept]
 
 
 def _position(state: Any) -> np.ndarray:

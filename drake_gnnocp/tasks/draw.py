@@ -41,10 +41,14 @@ def draw_place(seed: int, index: int) -> Place:
 
 def draw_tasks(seed: int, index: int, place: Place, n: int) -> list[Scenario]:
     """Up to n tasks on map `index` of a seed; fewer where the map has no room for more."""
-    tasks = []
-    for pair in range(n):
-        ends = random_ends_of(np.random.default_rng([seed, index, PAIRS, pair]), place)
-        if ends is not None:
-            name = f"{place.kind}_{seed}_{index:04d}_{pair:02d}"
-            tasks.append(Scenario(name, ends[0], ends[1], place.obstacles, vehicle=place.vehicle))
-    return tasks
+    drawn = (draw_task(seed, index, place, pair) for pair in range(n))
+    return [task for task in drawn if task is not None]
+
+
+def draw_task(seed: int, index: int, place: Place, pair: int) -> Scenario | None:
+    """The task of one pair of start and goal on map `index` of a seed; None where the map has no room for it."""
+    ends = random_ends_of(np.random.default_rng([seed, index, PAIRS, pair]), place)
+    if ends is None:
+        return None
+    name = f"{place.kind}_{seed}_{index:04d}_{pair:02d}"
+    return Scenario(name, ends[0], ends[1], place.obstacles, vehicle=place.vehicle)

@@ -1,0 +1,109 @@
+"""Compare methods of planning from the command line: `python -m drake_gnnocp.benchmark [SCENARIO ...]`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+
+from drake_gnnocp.benchmark.benchmark import Benchmark
+from drake_gnnocp.benchmark.methods import METHODS, Settings, check_methods
+from drake_gnnocp.benchmark.summary import summarise
+from drake_gnnocp.benchmark.tasks import DATASET, TEST_MAPS, drawn_tasks, named_tasks
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.row_files import RunsError
+from drake_gnnocp.trajectory import write_atomically
+
+DONE = 0  # exit code, beside BAD_INPUT
+DEFAULTS = Settings()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.benchmark",
+        description="Plan scenarios with several methods, one thread each, and compare: runs.csv has a row a run, "
+        "summary.md the tables. What is there is not run again; choose another --out when the code has changed.",
+        epilog="Exit code: 0 done, however many plans failed; 2 bad input. Timings want an otherwise idle machine.",
+    )
+    add = parser.add_argument
+    add("scenarios", nargs="*", metavar="SCENARIO", help="a bundled name, a .json or a TPCAP .csv file")
+    most = len(TEST_MAPS) * DATASET.pairs
+    tasks = f"and the first N of {most} random tasks on {len(TEST_MAPS)} maps that are in no training (default: 0)"
+    add("--tasks", type=_count, default=0, metavar="N", help=tasks)
+    add(
+        "--methods",
+        nargs="+",
+        choices=METHODS,
+        default=list(METHODS),
+        metavar="METHOD",
+        help=f"some of {', '.join(METHODS)} (default: all)",
+    )
+    add("--repeat", type=_positive, default=1, metavar="N", help="times that each is run (default: %(default)s)")
+    add("--jobs", type=_positive, default=1, metavar="N", help="processes; more than 1 blur timings (default: 1)")
+    add(
+        "--max-seconds",
+        type=_seconds,
+        default=DEFAULTS.max_seconds,
+        metavar="S",
+        help="wall-clock budget of one plan in seconds (default: %(default)g)",
+    )
+    add("--seed", type=_count, default=DEFAULTS.seed, metavar="N", help="seed of RRT* (default: %(default)s)")
+    add("--weights", type=Path, metavar="FILE", help="weights of gnn and auto (default: those of the package)")
+    out = Path("artifacts") / "benchmark"
+    add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    if (n := _count(text)) == 0:
+        raise argparse.ArgumentTypeError(f"must be a number of 1 or more, not {text!r}")
+    return n
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0 < seconds <= 1e5:
+        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
+    return seconds
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments, run what is missing and write the summary; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
+    folder: Path = arguments.out
+    methods = list(dict.fromkeys(arguments.methods))
+    settings = Settings(arguments.max_seconds, arguments.seed, arguments.weights)
+    try:
+        if not arguments.scenarios and not arguments.tasks:
+            raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
+        tasks = named_tasks(arguments.scenarios)
+        check_methods(methods, settings)
+        folder.mkdir(parents=True, exist_ok=True)
+        benchmark = Benchmark(folder, methods, arguments.repeat, settings)
+        benchmark.run(tasks + drawn_tasks(arguments.tasks), arguments.jobs)
+        summary = summarise(benchmark.runs)
+        write_atomically(folder / "summary.md", summary)
+    except (RunsError, ValueError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"--out: {error.filename or folder}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    print(summary)
+    print(f"written to {folder}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,145 @@
+"""RRT*: what its path promises, the poses made of it, and what happens without OMPL."""
+
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from drake_gnnocp import Scenario, Vehicle, plan
+from drake_gnnocp.plan.__main__ import main
+from drake_gnnocp.plan.guess import GuessOptions, rrt_star_guess
+from drake_gnnocp.search.polyline import geared
+from drake_gnnocp.search.rrt_star import RrtStarOptions, _Lines, rrt_star_path
+
+ROUNDING = 1e-9  # m and rad, sums of a few doubles of size 10
+TOUCH = 1e-6  # m: swept areas are shrunk by this, so that touching does not count
+CLIPPED = 0.05  # m^2: shapely's circles are polygons, and leave centimetres of a line that the search does not test
+BUDGET_OVERRUN = 1.0  # s, a busy machine
+FEW = RrtStarOptions(most_iterations=2000, improving_iterations=200)
+WALL = [[10, -6], [12, -6], [12, 8], [10, 8]]
+VEHICLE = Vehicle()
+
+pytest.importorskip("ompl", reason="the search is OMPL's")
+
+
+@pytest.fixture
+def behind_a_wall() -> Scenario:
+    return Scenario("wall", np.zeros(3), np.array([22.0, 0.0, 0.0]), (np.array(WALL, dtype=float),))
+
+
+@pytest.fixture
+def walled_in() -> Scenario:
+    """A goal inside a closed ring of walls."""
+    boxes = [(10, -6, 22, -5), (10, 5, 22, 6), (10, -5, 11, 5), (21, -5, 22, 5)]
+    rings = tuple(np.array(shapely.box(*box).exterior.coords[:-1]) for box in boxes)
+    return Scenario("walled_in", np.zeros(3), np.array([14.0, 0.0, 0.0]), rings)
+
+
+def middle(pose: np.ndarray) -> np.ndarray:
+    return VEHICLE.footprints(pose)[0].mean(axis=0)
+
+
+@pytest.mark.parametrize("name", ["wall", "map_a", "narrow_gate"])
+def test_the_path_joins_the_ends_and_the_car_fits_along_it(name: str, behind_a_wall: Scenario) -> None:
+    scenario = behind_a_wall if name == "wall" else Scenario.load(name)
+    path = rrt_star_path(scenario, seed=3)
+    assert path is not None
+    np.testing.assert_allclose(path[0], middle(scenario.start), atol=ROUNDING)
+    np.testing.assert_allclose(path[-1], middle(scenario.goal), atol=ROUNDING)
+    ends = shapely.MultiPoint(path[[0, -1]]).buffer(FEW.near)
+    blocked = shapely.union_all(list(scenario.polygons))
+    for a, b in zip(path[:-1], path[1:], strict=True):
+        line = shapely.LineString([a, b])
+        assert line.distance(blocked) > VEHICLE.width / 2 - TOUCH
+        away = shapely.get_parts(line.difference(ends))
+        for part in away[~shapely.is_empty(away)]:  # there the whole car fits along the line
+            p, q = np.array(part.coords)[[0, -1]]
+            ahead = (q - p) / part.length * VEHICLE.length / 2
+            swept = shapely.LineString([p - ahead, q + ahead]).buffer(VEHICLE.width / 2, cap_style="flat")
+            assert swept.intersection(blocked).area < CLIPPED
+
+
+def test_a_line_is_as_long_as_the_car_that_drives_it(behind_a_wall: Scenario) -> None:
+    above, region = np.array([11.0, 20.0]), (-30.0, 50.0, -30.0, 30.0)  # the wall's top is at y = 8
+    for near, gap, is_free in ((5.0, 1.5, False), (5.0, 2.4, True), (math.inf, 1.5, True), (math.inf, 0.9, False)):
+        lines = _Lines(behind_a_wall, region, near)
+        below = np.array([11.0, 8.0 + gap])
+        assert lines.is_free(above, below) == lines.is_free(below, above) == is_free
+    assert not _Lines(behind_a_wall, (-30.0, 50.0, -30.0, 22.0), 5.0).is_free(above, np.array([11.0, 14.0]))
+
+
+def test_bends_that_the_rectangle_does_not_get_around_are_taken_with_the_disc() -> None:
+    path = rrt_star_path(Scenario.load("l_corridor"), seed=3)
+    assert path is not None
+
+
+def test_the_same_seed_gives_the_same_path_and_another_one_another(behind_a_wall: Scenario) -> None:
+    first, again, other = (rrt_star_path(behind_a_wall, seed, options=FEW) for seed in (1, 1, 2))
+    assert first is not None and other is not None
+    np.testing.assert_array_equal(first, again)
+    assert first.shape != other.shape or not np.array_equal(first, other)
+
+
+def test_the_guess_has_exact_ends_at_rest_and_plans_to_a_verified_plan(behind_a_wall: Scenario) -> None:
+    guess = rrt_star_guess(behind_a_wall, GuessOptions(), math.inf).trajectory
+    assert guess is not None and len(guess) == 120
+    np.testing.assert_allclose(guess.states[0], 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(guess.states[-1], [22.0, 0.0, 0.0, 0.0, 0.0], atol=ROUNDING)
+    result = plan(behind_a_wall, "rrt_star")
+    assert result.verified and {attempt.guess for attempt in result.attempts} == {"rrt_star"}
+
+
+def test_gears_follow_the_headings_of_the_ends() -> None:
+    # into a slot across the way: forwards past it, then backwards into it
+    start, goal = np.zeros(3), np.array([6.0, -8.0, math.pi / 2])
+    line = np.array([middle(start), [7.0, 0.0], middle(goal)])
+    path = geared(line, start, goal, VEHICLE)
+    np.testing.assert_array_equal(np.unique(path.gears), [-1, 1])
+    assert path.gears[0] == 1 and path.gears[-1] == -1
+    np.testing.assert_allclose(path.poses[[0, -1]], [start, goal], atol=ROUNDING)
+    # straight back is driven backwards
+    back = geared(np.array([middle(start), [-10.0, 0.0]]), start, np.array([-11.4, 0.0, 0.0]), VEHICLE)
+    assert (back.gears == -1).all()
+    np.testing.assert_allclose(back.poses[:, 2], 0.0, atol=ROUNDING)
+
+
+def test_corners_are_rounded_and_headings_continuous() -> None:
+    start, goal = np.zeros(3), np.array([10.0, 10.0, math.pi / 2])
+    path = geared(np.array([middle(start), [10.0, 0.0], middle(goal)]), start, goal, VEHICLE)
+    assert (path.gears == 1).all()
+    assert np.abs(np.diff(path.poses[:, 2])).max() < 0.1  # rad, a quarter turn in 3 m is 0.05 in 10 cm
+    assert np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).max() < 0.4
+
+
+def test_standing_still_is_a_path() -> None:
+    pose = np.array([1.0, 2.0, 0.3])
+    path = geared(np.array([middle(pose), middle(pose)]), pose, pose + (0, 0, 2 * math.pi), VEHICLE)
+    np.testing.assert_allclose(path.poses, [pose, pose], atol=ROUNDING)
+
+
+def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario) -> None:
+    assert rrt_star_path(walled_in, options=FEW) is None
+    result = plan(walled_in, "rrt_star", max_seconds=2.0)
+    (attempt,) = result.attempts
+    assert result.status == "failed" and attempt.guess == "rrt_star" and attempt.reason.startswith("RRT*: ")
+
+
+def test_the_time_is_kept(walled_in: Scenario) -> None:
+    begin = time.monotonic()
+    assert rrt_star_path(walled_in, max_seconds=0.1) is None
+    assert time.monotonic() - begin < 0.1 + BUDGET_OVERRUN
+
+
+def test_without_ompl_a_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setitem(sys.modules, "ompl.geometric", None)
+    assert main(["map_a", "--guess", "rrt_star", "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "guess: 'rrt_star' needs OMPL: pip install ompl, or pip install -e .[rrt_star]"
+    assert list(tmp_path.iterdir()) == []
