@@ -7,7 +7,7 @@ is nearly a motion of the car: it steers from lock to lock while it stands at a 
 it, so few rows are needed, and it is asked for no more clearance than the path has.
 
 That takes fewer iterations on any path, and mostly one solve. But the timing stays near the limits, and the plan costs
-up to half as much again: so it is for paths that need it, for a second attempt, and where there is little time.
+up to half as much again: so it is for paths that need it, and for a second attempt.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ class FineOptions:
     """When and how to plan finely."""
 
     sections: int = 8  # moves in one gear, from which on the usual knots are not even tried
-    hurry: float = 4.0  # s, left after the search: with less, every path is planned finely
     step: float = 0.3  # s, largest distance of the knots in time ...
     most_knots: int = 600  # ... as long as there are no more than these: the time of a solve grows with them
     tube: float = 0.15  # m, poses stay this near the guess's

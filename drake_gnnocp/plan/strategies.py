@@ -124,7 +124,5 @@ def _searched(scenario: Scenario, options: PlanOptions, search: HybridAStarOptio
     begin = time.monotonic()
     until = begin + SEARCH_SHARE * (deadline - begin)
     guess = hybrid_astar_guess(scenario, replace(options.guess, search=search), until)
-    now = time.monotonic()
-    hurried = deadline - now < options.fine.hurry
-    fine = guess.path is not None and (hurried or n_sections(guess.path) >= options.fine.sections)
-    return Strategy("hybrid_astar", guess, now - begin, options.slack, fine=fine)
+    fine = guess.path is not None and n_sections(guess.path) >= options.fine.sections
+    return Strategy("hybrid_astar", guess, time.monotonic() - begin, options.slack, fine=fine)
