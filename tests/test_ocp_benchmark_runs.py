@@ -42,7 +42,7 @@ def test_guesses_come_back_from_disk(tmp_path: Path) -> None:
 
 def run_of(task: str, method: str, seconds: float, **changes: object) -> Run:
     times = (0.25 * seconds, 0.75 * seconds, 1.1 * seconds)
-    run = Run("random, seed 0", task, GUESS, method, *times, 20, 30, 2, 900, math.nan, 0.1, False, False, "", "")
+    run = Run("random, seed 0", task, GUESS, method, *times, 5, 20, 30, 2, 900, math.nan, 0.1, False, False, "", "")
     return replace(run, **changes)  # type: ignore[arg-type]
 
 
@@ -72,9 +72,9 @@ def test_the_summary_counts_failures_and_takes_the_peers_best(runs: list[Run]) -
     summary = summarise(runs)
     assert "3 tasks; Hybrid A* found no guess in 1, which are left out (c)" in summary
     drake, peer = cells(summary, "drake"), cells(summary, PEER)
-    assert drake[1:4] == ["2", "2", "2 (100 %)"] and drake[5] == "40 / 49"
-    assert drake[10] == "2.10 / 3.09"  # build + solve of 1 s and 3.2 s
-    assert peer[1:4] == ["2", "2", "1 (50 %)"] and peer[10] == "1.75 / 1.98"  # 2 s and 1.5 s: 1 s did not converge
+    assert drake[1:4] == ["2", "2", "2 (100 %)"] and drake[6] == "40 / 49"
+    assert drake[11] == "2.10 / 3.09"  # build + solve of 1 s and 3.2 s
+    assert peer[1:4] == ["2", "2", "1 (50 %)"] and peer[11] == "1.75 / 1.98"  # 2 s and 1.5 s: 1 s did not converge
     # 1 / 2 and 3.2 / 1.5; the percentiles are 3.09 and 1.975
     assert cells(summary, "attempted by both")[1:] == ["2", "1.32", "2.05", "1.56", "-"]
     assert cells(summary, "verified by both")[1:] == ["1", "0.50", "0.50", "0.50", "1.500"]

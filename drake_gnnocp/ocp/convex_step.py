@@ -48,6 +48,8 @@ class ConvexOptions:
     settled_cost: float = 2e-3  # relative, change of the cost in the last step before a stop
     settled_defect: float = 1e-4  # m (and rad), largest defect left
     settled_missing: float = 0.01  # m, largest margin missing
+    patience: int = 12  # steps, after which those that lead into obstacles are given up
+    hopeless: float = 0.3  # m, margin missing then
     near: float = 0.8  # m, pairs that get half planes
     penalty: float = 30.0  # 1/m/s, of a missing margin
     reach: tuple[float, float, float] = (1.5, 1.5, 0.5)  # m, m, rad: longer steps are shortened to it
@@ -66,6 +68,7 @@ class ConvexSteps:
     trajectory: Trajectory
     steps: int
     settled: bool  # whether cost and defects had settled
+    missing: float  # m, the largest margin missing, inf where that is not known
     seconds: float  # s
 
 
@@ -92,25 +95,28 @@ def convex_steps(
         knots[end] = np.append(pose, np.zeros(N_KNOT - len(pose)))
     program = StepProgram(scenario, len(knots), h, problem, options)
     planes, cost, proximal, largest = program.planes(knots), math.inf, options.proximal, math.inf
-    steps, settled = 0, False
+    steps, settled, missing = 0, False, math.inf
     while steps < options.most_steps and not settled and time.monotonic() < deadline:
         change = program.solve(knots, planes, proximal)
         if change is None:  # the limits that the last step went beyond cannot be held
-            return ConvexSteps(guess, steps, False, time.perf_counter() - begin)
+            return ConvexSteps(guess, steps, False, math.inf, time.perf_counter() - begin)
         before, largest_before = cost, largest
         largest = float((np.abs(change[:, :POSE]).max(axis=0) / options.reach).max())
         knots, steps = knots + change / max(1.0, largest), steps + 1
         proximal *= options.relaxation if largest < options.shrinking * largest_before else options.damping
         planes, cost = program.planes(knots), program.cost(knots)
+        missing = float(program.missing(planes).max(initial=0.0))
         settled = (
             abs(before - cost) < options.settled_cost * cost
             and program.gap(knots) < options.settled_defect
-            and program.missing(planes).max(initial=0.0) < options.settled_missing
+            and missing < options.settled_missing
         )
+        if steps >= options.patience and missing > options.hopeless:
+            break
     trajectory = guess
     if steps and program.gap(knots) < options.useless:
         trajectory = Trajectory(guess.t, knots[:, :N_STATES], knots[:, N_STATES:])
-    return ConvexSteps(trajectory, steps, settled, time.perf_counter() - begin)
+    return ConvexSteps(trajectory, steps, settled, missing, time.perf_counter() - begin)
 
 
 class StepProgram:

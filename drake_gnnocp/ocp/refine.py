@@ -90,7 +90,13 @@ class Optimised:
     reason: str  # empty when verified, else why not
 
 
-def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float = math.inf) -> Optimised:
+def optimise(
+    scenario: Scenario,
+    guess: Trajectory,
+    options: RefineOptions,
+    deadline: float = math.inf,
+    stepped: ConvexSteps | None = None,
+) -> Optimised:
     """Optimise a guess until the plan is verified, the rounds are used up, or the deadline passes.
 
     Args:
@@ -98,9 +104,10 @@ def optimise(scenario: Scenario, guess: Trajectory, options: RefineOptions, dead
         guess: equally spaced knots, any quality.
         options: see `RefineOptions`.
         deadline: instant of `time.monotonic()` [s].
+        stepped: what `take_convex_steps` made of the guess, where that is known.
     """
+    stepped = stepped or take_convex_steps(scenario, guess, options, deadline - options.reserve)
     options = _fitted_to_ends(scenario, options)
-    stepped = _stepped(scenario, guess, options, deadline - options.reserve)
     start = stepped.trajectory
     gaps = {pair: options.gap for pair in overlapping_pairs(scenario, start)}
     rounds: list[Round] = []
@@ -163,10 +170,13 @@ def _solve_once(
     )
 
 
-def _stepped(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> ConvexSteps:
+def take_convex_steps(
+    scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float = math.inf
+) -> ConvexSteps:
+    """The convex steps that `optimise` begins with; none with a free horizon."""
     if options.problem.free_horizon or not options.convex.most_steps:
-        return ConvexSteps(guess, 0, False, 0.0)
-    return convex_steps(scenario, guess, options.problem, options.convex, deadline)
+        return ConvexSteps(guess, 0, False, math.inf, 0.0)
+    return convex_steps(scenario, guess, _fitted_to_ends(scenario, options).problem, options.convex, deadline)
 
 
 def _fitted_to_start(options: RefineOptions, stepped: ConvexSteps, guess: Trajectory) -> RefineOptions:

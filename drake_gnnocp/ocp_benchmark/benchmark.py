@@ -153,7 +153,7 @@ def _in_worker(worker: Worker, job: Job, settings: Settings, folder: Path) -> Ru
         logger.warning("%s: %s", " ".join(job.key), error)
         nan = float("nan")
         limit = settings.max_seconds  # counted as if it had used all of it
-        return Run(*job.key, 0.0, limit, limit, 0, 0, 0, 0, nan, nan, False, False, "crashed", str(error))
+        return Run(*job.key, 0.0, limit, limit, 0, 0, 0, 0, 0, nan, nan, False, False, "crashed", str(error))
     return run
 
 
@@ -187,8 +187,8 @@ def _run_of_guess(job: Job, scenario: Scenario, guess: MadeGuess) -> Run:
     trajectory, status = guess.trajectory, guess.reason or "found"
     if trajectory is None:
         nan = float("nan")
-        return Run(*job.key, 0.0, 0.0, guess.seconds, 0, 0, 0, 0, nan, nan, False, False, status, "")
-    return _run_of(job, scenario, Outcome(trajectory, 0.0, 0.0, guess.seconds, 0, 0, 0, 0, True, status))
+        return Run(*job.key, 0.0, 0.0, guess.seconds, 0, 0, 0, 0, 0, nan, nan, False, False, status, "")
+    return _run_of(job, scenario, Outcome(trajectory, 0.0, 0.0, guess.seconds, 0, 0, 0, 0, 0, True, status))
 
 
 def _run_of(job: Job, scenario: Scenario, outcome: Outcome) -> Run:
@@ -200,6 +200,7 @@ def _run_of(job: Job, scenario: Scenario, outcome: Outcome) -> Run:
         build_s=outcome.build_seconds,
         solve_s=outcome.solve_seconds,
         wall_s=outcome.wall_seconds,
+        convex_steps=outcome.convex_steps,
         first_iterations=outcome.first_iterations,
         iterations=outcome.iterations,
         rounds=outcome.rounds,

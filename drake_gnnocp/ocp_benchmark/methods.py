@@ -38,6 +38,7 @@ class Outcome:
     build_seconds: float  # s, all rounds
     solve_seconds: float  # s, all rounds
     wall_seconds: float  # s, the whole call
+    convex_steps: int  # before the first solve
     first_iterations: int
     iterations: int
     rounds: int
@@ -77,6 +78,7 @@ def _run_drake(scenario: Scenario, guess: Trajectory, max_seconds: float) -> Out
         build_seconds=sum(r.build_seconds for r in rounds),
         solve_seconds=sum(r.solve_seconds for r in rounds),
         wall_seconds=wall,
+        convex_steps=rounds[0].convex_steps if rounds else 0,
         first_iterations=rounds[0].iterations if rounds else 0,
         iterations=sum(r.iterations for r in rounds),
         rounds=len(rounds),
@@ -105,6 +107,7 @@ def _run_peer(method: str, scenario: Scenario, guess: Trajectory, max_seconds: f
         build_seconds=chosen + solution.build_seconds,
         solve_seconds=solution.solve_seconds,
         wall_seconds=time.perf_counter() - begin,
+        convex_steps=0,
         first_iterations=solution.iterations,
         iterations=solution.iterations,
         rounds=1,

@@ -19,8 +19,9 @@ class Run:
     guess: str  # kind of guess
     method: str
     build_s: float  # s, building programs, all rounds
-    solve_s: float  # s, in the solver, all rounds
+    solve_s: float  # s, in the solvers, all rounds
     wall_s: float  # s, the whole call, with the verifications that drive the refinement
+    convex_steps: int  # quadratic programs before the first solve, their time is part of solve_s
     first_iterations: int  # of the first solve
     iterations: int  # of all solves
     rounds: int  # solves

@@ -11,12 +11,13 @@ from importlib import metadata
 import numpy as np
 
 from drake_gnnocp.ocp.ipopt import IpoptOptions
+from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD
 from drake_gnnocp.ocp_benchmark.guesses import BAD_GUESSES, HYBRID_ASTAR
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS
 from drake_gnnocp.ocp_benchmark.runs import Run
 
-OURS = IpoptOptions()
+OURS, FINISH = IpoptOptions(), RefineOptions().finish
 PEER = "casadi (faster of mx, sx)"
 NOTES = f"""\
 One thread; the methods of a task run one after the other, from the same guess and under the same limit. Seconds and
@@ -24,11 +25,12 @@ iterations are median / 95th percentile over all attempted tasks, failures inclu
 `build + solve` is the sum over all rounds; `whole call` adds the verifications between them. *Verified* is the
 independent dense check for all methods.
 
-- `drake`: refined until verified, stopped by progress (cost within {OURS.objective_change:.1%} and constraints within
-  {OURS.feasibility:g} m for {OURS.settled_iterations} iterations).
+- `drake`: convex steps (their time is in `solve s`), then Ipopt, refined until verified. Stopped by progress: cost
+  within {OURS.objective_change:.1%} and constraints within {OURS.feasibility:g} m for {OURS.settled_iterations}
+  iterations; where the convex steps have settled, cost within {FINISH.objective_change:.1%} in one iteration.
 - `{PEER}`: CasADi, exact Hessian, MUMPS, the Ipopt settings that were best for it (adaptive
-  barrier, kkt-error globalisation), the same rule to stop, the same pairs; one solve, not refined. Task by task the
-  faster of `casadi_mx` (mapped graph) and `casadi_sx` (expanded), of those that converged.
+  barrier, kkt-error globalisation), the first of these rules to stop, the same pairs; one solve, not refined. Task by
+  task the faster of `casadi_mx` (mapped graph) and `casadi_sx` (expanded), of those that converged.
 - `casadi_plain`: `casadi_mx` with Ipopt's default options.
 - `tutorial`: Drake with unscaled variables, a Python callback a constraint, dense gradients, Ipopt's default options.
 """
@@ -76,8 +78,18 @@ def _of_group(runs: Sequence[Run]) -> str:
 
 
 def _method_table(runs: Sequence[Run]) -> str:
-    header = ["method", "attempted", "converged", "verified", "first solve, iterations", "all iterations"]
-    header += ["rounds, mean", "rows", "build s", "solve s", "build + solve s", "whole call s", "total s", "cost J"]
+    header = ["method", "attempted", "converged", "verified", "convex steps", "first solve, iterations"]
+    header += [
+        "all iterations",
+        "rounds, mean",
+        "rows",
+        "build s",
+        "solve s",
+        "build + solve s",
+        "whole call s",
+        "total s",
+        "cost J",
+    ]
     rows = []
     for method in (DRAKE, PEER, *METHODS[1:]):
         of_method = [run for run in runs if run.method == method]
@@ -93,6 +105,7 @@ def _counts(runs: Sequence[Run]) -> list[str]:
 
 def _iterations(runs: Sequence[Run]) -> list[str]:
     return [
+        _spread(runs, lambda run: run.convex_steps, 0),
         _spread(runs, lambda run: run.first_iterations, 0),
         _spread(runs, lambda run: run.iterations, 0),
         f"{np.mean([run.rounds for run in runs]):.2f}",
@@ -128,8 +141,8 @@ def _ratio_table(pairs: Sequence[tuple[Run, Run]]) -> str:
 
 
 def _bad_guess_table(runs: Sequence[Run]) -> str:
-    header = ["guess", "attempted", "converged", "verified", "first solve, iterations", "all iterations"]
-    header += ["rounds, mean", "build + solve s"]
+    header = ["guess", "attempted", "converged", "verified", "convex steps", "first solve, iterations"]
+    header += ["all iterations", "rounds, mean", "build + solve s"]
     rows = []
     for kind in BAD_GUESSES:
         of_kind = [run for run in runs if run.guess == kind]

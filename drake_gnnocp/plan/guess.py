@@ -80,15 +80,18 @@ def check_available(kind: str, options: GuessOptions | None = None) -> None:
 
 @lru_cache(maxsize=4)
 def load_network(weights: Path | None) -> Network:
-    """The trained network in a file, or the one that comes with the package.
+    """The trained network in a file, or the one that comes with the package; warmed up.
 
     Raises:
         GuessUnavailable: there is none.
     """
     from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
+    from drake_gnnocp.learning.predict import guesses
 
     try:
-        return load_weights(weights or bundled_weights())[0]
+        network = load_weights(weights or bundled_weights())[0]
+        guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2)
+        return network
     except WeightsError as error:
         raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
 
@@ -107,11 +110,11 @@ def bundled_weights(config: str = "default") -> Path:
     return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
 
 
-def gnn_guesses(scenario: Scenario, options: GuessOptions) -> list[Guess]:
+def gnn_guesses(scenario: Scenario, options: GuessOptions) -> list[Trajectory]:
     """The network's hypotheses, the most promising first; knots equally spaced in time."""
     from drake_gnnocp.learning.predict import guesses
 
-    return [Guess(each) for each in guesses(load_network(options.weights), scenario, options.n_knots)]
+    return guesses(load_network(options.weights), scenario, options.n_knots)
 
 
 def hybrid_astar_guess(scenario: Scenario, options: GuessOptions, deadline: float) -> Guess:

@@ -136,7 +136,7 @@ def _optimised(
         refine = fine_refine(scenario, start, options.refine, options.fine)  # stays near, which a free horizon cannot
     else:
         refine = free if horizon == "free" else options.refine
-    outcome = optimise(scenario, start, refine, deadline)
+    outcome = optimise(scenario, start, refine, deadline, strategy.stepped)
     return _quicker(scenario, outcome, free, deadline) if horizon == "free" else outcome
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+from drake_gnnocp.ocp.convex_step import ConvexSteps
 from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.plan.fine import FineOptions
 from drake_gnnocp.plan.guess import (
@@ -17,6 +18,7 @@ from drake_gnnocp.plan.guess import (
     rrt_star_guess,
     straight_guess,
 )
+from drake_gnnocp.plan.learned import settled_hypotheses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions
 from drake_gnnocp.search.moves import Costs
@@ -43,8 +45,8 @@ class PlanOptions:
     slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
     retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
     fine: FineOptions = field(default_factory=FineOptions)
-    hypotheses: int = 3  # of the network, tried one after the other with the guess "gnn"
-    hypotheses_first: int = 1  # the same with "auto", before Hybrid A* is asked
+    hypotheses: int = 6  # of the network, the best by its ranking: those whose convex steps settle are solved
+    learned_share: float = 0.3  # of the time, for each of them at most
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
 
 
@@ -59,6 +61,7 @@ class Strategy:
     share: float = 1.0  # of the time that is left, to be used at most
     fine: bool = False  # whether to plan finely, see `plan.fine`
     timed: bool = False  # whether the guess has the timing of an optimum already
+    stepped: ConvexSteps | None = None  # what convex steps made of the guess, where they were taken to choose it
     improves: bool = False  # whether to try it although there is a verified plan: it may be quicker
 
 
@@ -78,8 +81,7 @@ def strategies(
         yield Strategy("straight", straight_guess(scenario, options.guess), 0.0, options.slack)
         return
     if guess == "gnn" or (guess == "auto" and has_network(options.guess)):
-        n = options.hypotheses if guess == "gnn" else options.hypotheses_first
-        yield from _learned(scenario, options, n)
+        yield from _learned(scenario, guess, horizon, options, deadline)
     if guess == "gnn":
         return
     if guess == "rrt_star":
@@ -105,13 +107,31 @@ def strategies(
         yield replace(again, slack=options.retry_slack)
 
 
-def _learned(scenario: Scenario, options: PlanOptions, n: int) -> Iterator[Strategy]:
-    """The network's n best hypotheses; the first takes the time of making all."""
+def _learned(
+    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
+) -> Iterator[Strategy]:
+    """The network's hypotheses that are worth a solve; the first takes the time of making all."""
     begin = time.monotonic()
-    guesses = gnn_guesses(scenario, options.guess)
-    seconds = time.monotonic() - begin
-    for i, guess in enumerate(guesses[:n]):
-        yield Strategy("gnn", guess, 0.0 if i else seconds, slack=1.0, share=0.25, timed=True)
+    hypotheses = gnn_guesses(scenario, options.guess)[: options.hypotheses]
+    first = Strategy("gnn", Guess(hypotheses[0]), 0.0, slack=1.0, share=options.learned_share, timed=True)
+    if horizon == "guess":
+        spent = time.monotonic() - begin
+        until = begin + options.learned_share * (deadline - begin)
+        for candidate in settled_hypotheses(scenario, hypotheses, options.refine, until):
+            seconds, spent = spent + candidate.seconds, 0.0
+            yield replace(first, guess=Guess(candidate.guess), guess_seconds=seconds, stepped=candidate.stepped)
+            if guess == "auto":  # Hybrid A* is the surer second attempt
+                return
+            begin = time.monotonic()
+        seconds = time.monotonic() - begin
+        if guess == "auto":
+            reason = f"convex steps settled from none of {len(hypotheses)} hypotheses"
+            yield replace(first, guess=Guess(None, reason), guess_seconds=seconds)
+            return
+        first = replace(first, guess_seconds=seconds)
+    else:
+        first = replace(first, guess_seconds=time.monotonic() - begin)
+    yield first
 
 
 def _sampled(scenario: Scenario, options: PlanOptions, deadline: float) -> Strategy:
