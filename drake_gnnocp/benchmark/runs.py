@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from drake_gnnocp.benchmark.disparity import disparity
+from drake_gnnocp.benchmark.disparity import blocked_share, disparity, mean_gap
 from drake_gnnocp.plan.result import Plan
 
 
@@ -21,6 +21,7 @@ class Run:
     build_s: float  # s, building programs, all rounds
     solve_s: float  # s, in the solver, all rounds
     total_s: float  # s, the whole call: the three above and the verifications
+    convex_steps: int  # before the very first solve
     first_iterations: int  # of the very first solve
     iterations: int  # of all solves
     rounds: int  # solves
@@ -33,6 +34,8 @@ class Run:
     disparity_theta: float  # rad
     disparity_v: float  # m/s
     disparity_phi: float  # rad
+    guess_blocked: float  # share of the knots at which the guess touches an obstacle
+    guess_gap_m: float  # m, mean error of the kinematic model in the guess, from knot to knot
     status: str  # "verified", "unverified", "failed" or "crashed"
     reason: str  # why attempts were given up
 
@@ -58,6 +61,7 @@ def run_of_plan(key: tuple[str, str, str, int], source: str, plan: Plan) -> Run:
         build_s=sum(attempt.build_seconds for attempt in plan.attempts),
         solve_s=sum(attempt.solve_seconds for attempt in plan.attempts),
         total_s=plan.total_seconds,
+        convex_steps=solves[0].convex_steps if solves else 0,
         first_iterations=solves[0].first_iterations if solves else 0,
         iterations=sum(attempt.iterations for attempt in solves),
         rounds=sum(1 + attempt.refinements for attempt in solves),
@@ -70,6 +74,8 @@ def run_of_plan(key: tuple[str, str, str, int], source: str, plan: Plan) -> Run:
         disparity_theta=off.theta,
         disparity_v=off.v,
         disparity_phi=off.phi,
+        guess_blocked=blocked_share(plan.scenario, plan.guess),
+        guess_gap_m=mean_gap(plan.scenario, plan.guess),
         status=plan.status,
         reason="; ".join(f"{attempt.guess}: {attempt.reason}" for attempt in plan.attempts if attempt.reason),
     )
@@ -84,6 +90,7 @@ def crashed_run(key: tuple[str, str, str, int], seconds: float, reason: str) -> 
         build_s=0.0,
         solve_s=seconds,
         total_s=seconds,
+        convex_steps=0,
         first_iterations=0,
         iterations=0,
         rounds=0,
@@ -96,6 +103,8 @@ def crashed_run(key: tuple[str, str, str, int], seconds: float, reason: str) -> 
         disparity_theta=nan,
         disparity_v=nan,
         disparity_phi=nan,
+        guess_blocked=nan,
+        guess_gap_m=nan,
         status="crashed",
         reason=reason,
     )

@@ -26,6 +26,8 @@ DISPARITIES: tuple[tuple[str, Callable[[Run], float]], ...] = (
     ("theta rad", lambda run: run.disparity_theta),
     ("v m/s", lambda run: run.disparity_v),
     ("phi rad", lambda run: run.disparity_phi),
+    ("knots blocked", lambda run: run.guess_blocked),
+    ("gap m", lambda run: run.guess_gap_m),
 )
 
 
@@ -78,7 +80,7 @@ def _named_table(runs: Sequence[Run]) -> str:
 
 def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
     header = ["maps", "method", "attempted", "verified", "without fallback", "guess s", "build s", "solve s", "total s"]
-    header += ["first solve, iterations", "all iterations", "cost J"]
+    header += ["guess + build + solve s", "convex steps", "first solve, iterations", "all iterations", "cost J"]
     rows = []
     for name, of_set in sets:
         for method, group in _grouped(of_set, lambda run: run.method):
@@ -88,6 +90,8 @@ def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
                     *(name, method, str(len(group)), _share(len(verified), len(group))),
                     _share(sum(not run.fallback for run in verified), len(group)),
                     *(_spread(group, value, 2) for value in (_guess, lambda r: r.build_s, lambda r: r.solve_s, _total)),
+                    _spread(group, _planning, 2),
+                    _spread(group, lambda run: run.convex_steps, 0),
                     _spread(group, lambda run: run.first_iterations, 0),
                     _spread(group, lambda run: run.iterations, 0),
                     _median(verified, lambda run: run.cost, 2),
@@ -97,7 +101,8 @@ def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
 
 
 def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
-    header = ["maps", "methods", "n", "total", "iterations", "both verified", "total", "cost"]
+    header = ["maps", "methods", "n", "guess + build + solve", "total", "iterations"]
+    header += ["both verified", "guess + build + solve", "total", "cost"]
     rows = []
     for name, of_set in sets:
         for method, other in RATIOS:
@@ -108,9 +113,11 @@ def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
             # where one of them never got as far as a solve, the iterations have no ratio
             solved = [(a, b) for a, b in pairs if a.iterations and b.iterations]
             numbers = [
+                _median_ratio(pairs, _planning),
                 _median_ratio(pairs, _total),
                 _median_ratio(solved, lambda run: run.iterations),
-                *(str(len(both)), _median_ratio(both, _total), _median_ratio(both, lambda run: run.cost)),
+                *(str(len(both)), _median_ratio(both, _planning), _median_ratio(both, _total)),
+                _median_ratio(both, lambda run: run.cost),
             ]
             rows.append([name, f"{method} / {other}", str(len(pairs)), *numbers])
     return _table(header, rows) if rows else ""
@@ -125,9 +132,12 @@ def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
     for (name, method), group in groups:
         counted = [run for run in group if run.verified and not run.fallback]
         rows.append([name, method, str(len(counted)), *(_median(counted, value, 2) for _, value in DISPARITIES)])
-    text = "Cumulated over the knots, the guess that the solver started from against its optimum; medians over the n\n"
-    text += "verified plans without fallback.\n"
-    return f"## Disparity of guess and optimum\n\n{text}\n{_table(header, rows)}"
+    text = "Cumulated over the knots, the guess that the solver started from against its optimum; the share of its\n"
+    text += (
+        "knots at which it touches an obstacle; its mean error of the kinematic model from knot to knot. Medians over\n"
+    )
+    text += "the n verified plans without fallback.\n"
+    return f"## The guesses\n\n{text}\n{_table(header, rows)}"
 
 
 def _grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
@@ -143,6 +153,10 @@ def _grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, 
 
 def _guess(run: Run) -> float:
     return run.guess_s
+
+
+def _planning(run: Run) -> float:
+    return run.guess_s + run.opt_s
 
 
 def _opt(run: Run) -> float:

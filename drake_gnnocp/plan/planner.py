@@ -166,7 +166,7 @@ def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
 
 
 def _unsolved(strategy: Strategy, guess_seconds: float, reason: str) -> Attempt:
-    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, 0, "", None, False, reason)
+    return Attempt(strategy.source, guess_seconds, 0.0, 0.0, 0, 0, 0, 0, "", None, False, reason)
 
 
 def _solved(strategy: Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
@@ -176,6 +176,7 @@ def _solved(strategy: Strategy, guess_seconds: float, outcome: Optimised) -> Att
         guess_seconds=guess_seconds,
         build_seconds=sum(r.build_seconds for r in rounds),
         solve_seconds=sum(r.solve_seconds for r in rounds),
+        convex_steps=rounds[0].convex_steps,
         iterations=sum(r.iterations for r in rounds),
         first_iterations=rounds[0].iterations,
         refinements=len(rounds) - 1,

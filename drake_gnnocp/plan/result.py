@@ -23,6 +23,7 @@ class Attempt:
     guess_seconds: float  # s
     build_seconds: float  # s, all rounds
     solve_seconds: float  # s, all rounds
+    convex_steps: int  # before the first round
     iterations: int  # of Ipopt, all rounds
     first_iterations: int  # the same, first round
     refinements: int  # rounds after the first solve
