@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -274,3 +275,16 @@ def test_every_fault_alone_keeps_a_plan_from_being_verified() -> None:
     ):
         assert not spoil.verified
         assert len(spoil.faults) == 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_clearance_of_a_motion_is_that_of_its_nearest_footprint(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scenario = Scenario.load("crowded_yard")
+    poses = np.cumsum(rng.normal(scale=[0.05, 0.05, 0.01], size=(1003, 3)), axis=0) + rng.uniform(0.0, 3.0, 3)
+    footprints = scenario.vehicle.footprints(poses)
+    every = shapely.distance(np.array(scenario.polygons)[:, None], shapely.polygons(footprints))
+    assert min_clearance(scenario, footprints) == every.min()
+    for few in (footprints[:1], footprints[:2], footprints[:17]):
+        every = shapely.distance(np.array(scenario.polygons)[:, None], shapely.polygons(few))
+        assert min_clearance(scenario, few) == every.min()
