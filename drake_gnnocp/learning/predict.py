@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,21 @@ import torch
 from drake_gnnocp.learning.checkpoint import Network
 from drake_gnnocp.learning.losses import disc_distance
 from drake_gnnocp.learning.network import Prediction, defects
-from drake_gnnocp.learning.scene import Scene, scene_of
+from drake_gnnocp.learning.scene import (
+    Scene,
+    mirrored,
+    out_of_frame,
+    reversed_in_time,
+    scene_of,
+    turned_around,
+)
 from drake_gnnocp.learning.spline import spline_matrices
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
+
+FIRST_VIEW = 4  # hypotheses of the scene as it is, before other views are looked at
+VIEWS = ((False, True), (True, False), (True, True))  # mirrored, turned around
 
 
 @dataclass(frozen=True)
@@ -26,8 +37,16 @@ class RankWeights:
     duration: float = 0.0  # a second
 
 
-def guesses(network: Network, scenario: Scenario, n_knots: int, weights: RankWeights | None = None) -> list[Trajectory]:
+RANK_WEIGHTS = RankWeights()
+
+
+def guesses(
+    network: Network, scenario: Scenario, n_knots: int, weights: RankWeights = RANK_WEIGHTS
+) -> Iterator[Trajectory]:
     """Trajectories of n_knots equally spaced knots in the scenario's frame, the most promising first.
+
+    The best few of the scene as it is come first. After them, where they are asked for, the network looks at the scene
+    in a mirror and the other way round as well: four views, each with its own hypotheses.
 
     Args:
         network: ready for use.
@@ -36,11 +55,32 @@ def guesses(network: Network, scenario: Scenario, n_knots: int, weights: RankWei
         weights: of the ranking.
     """
     scene = scene_of(scenario)
-    with torch.inference_mode():
-        prediction = network(scene)
-        order = torch.argsort(ranking(prediction, scene, weights or RankWeights())[0], descending=True)
-    states, duration = prediction.states[0].double().numpy(), prediction.duration[0].double().numpy()
-    return [interpolated(states[k], float(duration[k]), scenario, n_knots) for k in order.tolist()]
+    plain = _hypotheses(network, scene, weights)
+    for states, duration, _ in plain[:FIRST_VIEW]:
+        yield interpolated(states, duration, scenario, n_knots)
+    views = plain[FIRST_VIEW:] + [each for view in VIEWS for each in _hypotheses(network, scene, weights, *view)]
+    for states, duration, _ in sorted(views, key=lambda each: each[2], reverse=True):
+        yield interpolated(states, duration, scenario, n_knots)
+
+
+@torch.inference_mode()
+def _hypotheses(
+    network: Network, scene: Scene, weights: RankWeights, mirror: bool = False, turn: bool = False
+) -> list[tuple[np.ndarray, float, float]]:
+    """Hypotheses for one scene from one view of it, in the scene's frame, best first: points (T, 5), duration, rank."""
+    seen = turned_around(scene) if turn else scene
+    seen = mirrored(seen, seen.goal.new_zeros(1, 1, 5))[0] if mirror else seen
+    prediction = network(seen)
+    states = prediction.states
+    states = mirrored(seen, states)[1] if mirror else states
+    if turn:
+        states = out_of_frame(reversed_in_time(states), scene.goal)
+        turns = torch.round(states[..., :1, 2] / (2 * torch.pi))
+        states[..., 2] -= 2 * torch.pi * turns
+    found = Prediction(states, prediction.duration, prediction.score.log_softmax(dim=1))
+    rank = ranking(found, scene, weights)[0]
+    points, durations, ranks = states[0].double().numpy(), prediction.duration[0].tolist(), rank.tolist()
+    return [(points[k], durations[k], ranks[k]) for k in torch.argsort(rank, descending=True).tolist()]
 
 
 def ranking(prediction: Prediction, scene: Scene, weights: RankWeights) -> torch.Tensor:

@@ -111,8 +111,27 @@ def states_into_frame(states: Tensor, frames: Tensor) -> Tensor:
     return moved
 
 
+def out_of_frame(states: Tensor, frames: Tensor) -> Tensor:
+    """States (B, ..., T, 5) seen from frames (B, 3) as they are where the frames are given."""
+    shape = (-1, *[1] * (states.dim() - 2))
+    x0, y0, theta = (column.reshape(shape) for column in frames.unbind(dim=1))
+    moved = states.clone()
+    cos, sin = torch.cos(theta), torch.sin(theta)
+    moved[..., State.X] = x0 + cos * states[..., State.X] - sin * states[..., State.Y]
+    moved[..., State.Y] = y0 + sin * states[..., State.X] + cos * states[..., State.Y]
+    moved[..., State.THETA] += theta
+    return moved
+
+
+def turned_around(scene: Scene) -> Scene:
+    """The tasks the other way, from the goal to the start, seen from the goal."""
+    start = into_frame(torch.zeros_like(scene.goal[:, None, :2]), scene.goal)[:, 0]
+    goal = torch.cat([start, -scene.goal[:, 2:]], dim=1)
+    return Scene(into_frame(scene.edges, scene.goal), scene.mask, goal, scene.vehicle)
+
+
 def mirrored(scene: Scene, states: Tensor) -> tuple[Scene, Tensor]:
-    """Scene and states (B, T, 5) seen in a mirror along the start's heading: left is right."""
+    """Scene and states (B, ..., T, 5) seen in a mirror along the start's heading: left is right."""
     # tail and head change places, so that rings go counter-clockwise again
     flip = torch.tensor([1.0, -1.0, 1.0, -1.0])
     edges = (scene.edges * flip)[..., [2, 3, 0, 1]]
@@ -123,7 +142,7 @@ def mirrored(scene: Scene, states: Tensor) -> tuple[Scene, Tensor]:
 
 
 def reversed_in_time(states: Tensor) -> Tensor:
-    """States (B, T, 5) driven backwards in time: from the goal to the start, with the opposite speed."""
-    backwards = states.flip(1).clone()
+    """States (..., T, 5) driven backwards in time: from the goal to the start, with the opposite speed."""
+    backwards = states.flip(-2).clone()
     backwards[..., State.V] *= -1.0
     return backwards

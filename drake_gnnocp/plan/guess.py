@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
@@ -90,7 +91,7 @@ def load_network(weights: Path | None) -> Network:
 
     try:
         network = load_weights(weights or bundled_weights())[0]
-        guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2)
+        list(guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2))
         return network
     except WeightsError as error:
         raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
@@ -110,8 +111,11 @@ def bundled_weights(config: str = "default") -> Path:
     return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
 
 
-def gnn_guesses(scenario: Scenario, options: GuessOptions) -> list[Trajectory]:
-    """The network's hypotheses, the most promising first; knots equally spaced in time."""
+def gnn_guesses(scenario: Scenario, options: GuessOptions) -> Iterator[Trajectory]:
+    """The network's hypotheses, the most promising first; knots equally spaced in time.
+
+    The first takes the network's time; so does the one with which it begins to look at other views of the scene.
+    """
     from drake_gnnocp.learning.predict import guesses
 
     return guesses(load_network(options.weights), scenario, options.n_knots)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterable
+from itertools import islice
 
 from drake_gnnocp.dataset.records import MapRecord
 from drake_gnnocp.learning.checkpoint import Network
@@ -60,7 +61,7 @@ def _planned(network: Network, task: Scenario) -> tuple[int, Optimised | None]:
     x0, y0, _ = task.start
     local = task.translated(-x0, -y0)
     deadline = time.monotonic() + MAX_SECONDS
-    ranked = guesses(network, local, N_KNOTS)[: PlanOptions().hypotheses]
+    ranked = list(islice(guesses(network, local, N_KNOTS), PlanOptions().hypotheses))
     chosen = next(settled_hypotheses(local, ranked, RefineOptions(), deadline), None)
     if chosen is None:
         return len(ranked), None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 
 from drake_gnnocp.ocp.convex_step import ConvexSteps
 from drake_gnnocp.ocp.refine import RefineOptions
@@ -45,7 +46,7 @@ class PlanOptions:
     slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
     retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
     fine: FineOptions = field(default_factory=FineOptions)
-    hypotheses: int = 6  # of the network, the best by its ranking: those whose convex steps settle are solved
+    hypotheses: int = 8  # of the network, the best by its ranking: those whose convex steps settle are solved
     learned_share: float = 0.3  # of the time, for each of them at most
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
 
@@ -112,11 +113,13 @@ def _learned(
 ) -> Iterator[Strategy]:
     """The network's hypotheses that are worth a solve; the first takes the time of making all."""
     begin = time.monotonic()
-    hypotheses = gnn_guesses(scenario, options.guess)[: options.hypotheses]
-    first = Strategy("gnn", Guess(hypotheses[0]), 0.0, slack=1.0, share=options.learned_share, timed=True)
+    made = gnn_guesses(scenario, options.guess)
+    best = next(made)
+    first = Strategy("gnn", Guess(best), 0.0, slack=1.0, share=options.learned_share, timed=True)
     if horizon == "guess":
         spent = time.monotonic() - begin
         until = begin + options.learned_share * (deadline - begin)
+        hypotheses = islice(chain([best], made), options.hypotheses)
         for candidate in settled_hypotheses(scenario, hypotheses, options.refine, until):
             seconds, spent = spent + candidate.seconds, 0.0
             yield replace(first, guess=Guess(candidate.guess), guess_seconds=seconds, stepped=candidate.stepped)
@@ -125,7 +128,7 @@ def _learned(
             begin = time.monotonic()
         seconds = time.monotonic() - begin
         if guess == "auto":
-            reason = f"convex steps settled from none of {len(hypotheses)} hypotheses"
+            reason = "convex steps settled from no hypothesis"
             yield replace(first, guess=Guess(None, reason), guess_seconds=seconds)
             return
         first = replace(first, guess_seconds=seconds)
