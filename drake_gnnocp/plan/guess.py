@@ -24,6 +24,7 @@ from drake_gnnocp.search.polyline import geared
 from drake_gnnocp.search.rrt_star import RrtStarOptions, is_available, rrt_star_path
 from drake_gnnocp.search.speed_planner import FEWEST_INTERVALS, SpeedOptions, plan_speed
 from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import State
 
 if TYPE_CHECKING:
     from drake_gnnocp.learning.checkpoint import Network
@@ -165,4 +166,6 @@ def straight_guess(scenario: Scenario, options: GuessOptions) -> Guess:
     t = np.linspace(0.0, duration, options.n_knots)
     states = np.zeros((options.n_knots, 5))
     states[:, :3] = start + (t / duration)[:, None] * change
+    along = change[0] * np.cos(states[:, State.THETA]) + change[1] * np.sin(states[:, State.THETA])
+    states[1:-1, State.V] = along[1:-1] / duration
     return Guess(Trajectory(t, states, np.zeros((options.n_knots, 2))))
