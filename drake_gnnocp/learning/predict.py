@@ -20,6 +20,7 @@ from drake_gnnocp.learning.scene import (
     turned_around,
 )
 from drake_gnnocp.learning.spline import spline_matrices
+from drake_gnnocp.learning.surroundings import WIDTH
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
@@ -30,11 +31,13 @@ VIEWS = ((False, True), (True, False), (True, True))  # mirrored, turned around
 
 @dataclass(frozen=True)
 class RankWeights:
-    """What makes a hypothesis unattractive, in units of the score's logits."""
+    """What makes a hypothesis promising: a logistic regression of "its convex steps settle" on validation maps."""
 
-    gap: float = 4.0  # a metre (or radian) of mean kinematic error between points
-    depth: float = 3.0  # a metre of mean depth in obstacles, over the trajectory
-    duration: float = 0.0  # a second
+    score: float = 0.16  # a logit of the network's own score
+    gap: float = -27.0  # a metre (or radian) of mean kinematic error from point to point
+    largest_gap: float = -0.35  # a metre (or radian) of the largest
+    depth: float = -16.0  # a metre of mean depth in obstacles, over the points
+    duration: float = -0.03  # a second
 
 
 RANK_WEIGHTS = RankWeights()
@@ -84,14 +87,19 @@ def _hypotheses(
 
 
 def ranking(prediction: Prediction, scene: Scene, weights: RankWeights) -> torch.Tensor:
-    """How promising every hypothesis is, (B, K): its score less what is wrong with it."""
+    """How promising every hypothesis is: (B, K)."""
     b, k = prediction.score.shape
     rows = torch.arange(b).repeat_interleave(k)
-    gap = defects(prediction.states, prediction.duration, scene.vehicle).abs().mean(dim=(-1, -2))
+    gap = defects(prediction.states, prediction.duration, scene.vehicle).abs()
     clearance = disc_distance(prediction.states.flatten(0, 1), scene.subset(rows)).unflatten(0, (b, k))
-    half_width = scene.vehicle[:, 3] / 2
-    depth = torch.relu(half_width[:, None, None, None] - clearance).mean(dim=(-1, -2))
-    return prediction.score - weights.gap * gap - weights.depth * depth - weights.duration * prediction.duration
+    depth = torch.relu(scene.vehicle[:, WIDTH, None, None, None] / 2 - clearance).mean(dim=(-1, -2))
+    return (
+        weights.score * prediction.score
+        + weights.gap * gap.mean(dim=(-1, -2))
+        + weights.largest_gap * gap.amax(dim=(-1, -2))
+        + weights.depth * depth
+        + weights.duration * prediction.duration
+    )
 
 
 def interpolated(points: np.ndarray, duration: float, scenario: Scenario, n_knots: int) -> Trajectory:
