@@ -92,8 +92,8 @@ def test_short_slots_are_verified(extra: float) -> None:
 
 def test_a_free_horizon_keeps_the_quickest_of_several_plans() -> None:
     scenario = Scenario.load("perpendicular_in")
-    one = plan(scenario, horizon="free", options=PlanOptions(other_searches=()))
-    several = plan(scenario, horizon="free")
+    one = plan(scenario, "hybrid_astar", horizon="free", options=PlanOptions(other_searches=()))
+    several = plan(scenario, "hybrid_astar", horizon="free")
     assert one.verified and several.verified and one.trajectory is not None and several.trajectory is not None
     assert len(several.attempts) > len(one.attempts) == 1
     assert several.trajectory.duration <= one.trajectory.duration * (1 + ROUNDING)
@@ -106,7 +106,7 @@ def test_a_quicker_solution_replaces_a_verified_plan_only_where_it_is_verified(
     pose = np.array([1.0, 2.0, 0.5])
     scenario, durations = Scenario("stay", pose, pose), iter([8.0, 4.0, 4.0])
 
-    def stay(local: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> Optimised:
+    def stay(local: Scenario, *_: object) -> Optimised:
         t = np.linspace(0.0, next(durations), 20)
         standing = Trajectory(t, np.tile(np.append(local.start, [0.0, 0.0]), (20, 1)), np.zeros((20, 2)))
         check = verify(local, standing)

@@ -59,7 +59,7 @@ def test_a_plan_of_the_default_scenario_writes_all_files_and_exits_0(
 
     result = json.loads((tmp_path / "result.json").read_text())
     assert result.keys() == RESULT_KEYS
-    assert result["status"] == "verified" and result["guess"] == "hybrid_astar"
+    assert result["status"] == "verified" and result["guess"] == "gnn"
     assert all(attempt.keys() == ATTEMPT_KEYS for attempt in result["attempts"])
     assert result["attempts"][-1]["verified"] and result["attempts"][-1]["iterations"] > 0
     assert result["verification"].keys() >= VERIFICATION_KEYS
@@ -83,7 +83,7 @@ def test_no_verified_plan_exits_3_and_says_why(
     assert time.monotonic() - begin < 3 + 2 * BUDGET_OVERRUN  # pictures as well
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["status"] == "unverified"
-    assert [attempt["guess"] for attempt in result["attempts"]] == ["hybrid_astar", "straight"]
+    assert [attempt["guess"] for attempt in result["attempts"]] == ["gnn", "hybrid_astar", "straight"]
     assert all(attempt["reason"] and not attempt["verified"] for attempt in result["attempts"])
     assert "unverified" in capsys.readouterr().out
     for name in ("trajectory.csv", "plan.png", "states.png", "replay.html"):
@@ -149,7 +149,9 @@ def test_a_horizon_a_little_too_short_is_tried_and_given_up() -> None:
 def test_early_attempts_leave_time_for_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     budget, shares = 20.0, []
 
-    def nothing_found(scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float) -> Optimised:
+    def nothing_found(
+        scenario: Scenario, guess: Trajectory, _options: RefineOptions, deadline: float, _stepped: object
+    ) -> Optimised:
         shares.append((deadline - time.monotonic()) / budget)
         check, cost = verify(scenario, guess), Cost(0.0, 0.0, 0.0)
         assert not check.verified
@@ -157,7 +159,7 @@ def test_early_attempts_leave_time_for_later_ones(monkeypatch: pytest.MonkeyPatc
         return Optimised(guess, check, cost, (solve,), "nothing found")
 
     monkeypatch.setattr(planner, "optimise", nothing_found)
-    plan(Scenario.load("empty_field"), max_seconds=budget)
+    plan(Scenario.load("empty_field"), "hybrid_astar", max_seconds=budget)
     plan(Scenario.load("empty_field"), "straight", max_seconds=budget)
     first, second, third, only = shares
     assert 0.3 < first <= 0.4
@@ -168,14 +170,14 @@ def test_early_attempts_leave_time_for_later_ones(monkeypatch: pytest.MonkeyPatc
 def test_a_guess_that_was_never_optimised_is_failed_even_where_it_would_pass(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def too_late(scenario: Scenario, guess: Trajectory, _options: RefineOptions, _deadline: float) -> Optimised:
+    def too_late(scenario: Scenario, guess: Trajectory, *_: object) -> Optimised:
         check = verify(scenario, guess)
         assert check.verified  # of a car that stays
         return Optimised(guess, check, Cost(0.0, 0.0, 0.0), (), "")
 
     monkeypatch.setattr(planner, "optimise", too_late)
     pose = np.array([1.0, 2.0, 0.5])
-    result = plan(Scenario("stay", pose, pose))
+    result = plan(Scenario("stay", pose, pose), "hybrid_astar")
     assert result.status == "failed" and result.trajectory is None and result.guess is not None
     assert all(attempt.reason and not attempt.verified for attempt in result.attempts)
     result.save(tmp_path)
@@ -223,7 +225,7 @@ def test_warnings_of_drake_do_not_reach_the_user(tmp_path: Path) -> None:
 
 def test_start_equal_to_goal_is_a_plan_that_stays() -> None:
     pose = np.array([1.0, 2.0, 0.5])
-    result = plan(Scenario("stay", pose, pose))
+    result = plan(Scenario("stay", pose, pose), "hybrid_astar")
     assert result.verified and result.trajectory is not None
     assert np.ptp(result.trajectory.states[:, 0]) < 0.01
 
