@@ -1,0 +1,110 @@
+"""Training: resumable, with curves and the best weights; bad input is one line."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from test_dataset import SETTINGS, straight_record
+
+from drake_gnnocp.dataset.generate import check_settings
+from drake_gnnocp.dataset.records import save_records
+from drake_gnnocp.learning.augment import with_strangers
+from drake_gnnocp.learning.checkpoint import Network, load_weights
+from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.samples import Samples
+from drake_gnnocp.learning.training import PAPER_TRAINING, Progress, learning_rate, train
+from drake_gnnocp.train import main
+
+SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten maps: eight to train on, one for validation, one for the test."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "parts").mkdir()
+    check_settings(folder, SETTINGS)
+    save_records(folder / "parts" / "map_00000.npz", [straight_record(SETTINGS, index) for index in range(10)])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def samples() -> Samples:
+    return Samples.of([straight_record(SETTINGS, index) for index in range(6)], PaperConfig().points)
+
+
+def small_network() -> Network:
+    torch.manual_seed(0)
+    return PaperNetwork(PaperConfig(hidden=16))
+
+
+def test_the_command_trains_and_keeps_the_best_weights(data: Path, tmp_path: Path) -> None:
+    command = ["--config", "paper", "--data", str(data), "--out", str(tmp_path), "--epochs", "2", "--threads", "1"]
+    assert main([*command, "--check-every", "2", "--check-tasks", "1"]) == 0
+    rows = list(csv.DictReader((tmp_path / "curves.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["epoch"] for row in rows] == ["1", "2"]
+    assert rows[0]["plan_badness"] == "" and float(rows[1]["plan_badness"]) > 0
+    assert (tmp_path / "curves.png").stat().st_size > 1000
+    _, about = load_weights(tmp_path / "best.pt")
+    assert about["epoch"] == 2 and about["maps"] == 8
+    assert main([*command, "--check-every", "2", "--check-tasks", "1"]) == 0  # nothing is left to do
+    assert main([*command[:-4], "--epochs", "3"]) == 2  # begun with other options
+
+
+def test_a_training_that_was_stopped_ends_where_an_unbroken_one_does(samples: Samples, tmp_path: Path) -> None:
+    for name in ("whole", "broken"):
+        (tmp_path / name).mkdir()
+    whole, broken = small_network(), small_network()
+    train(whole, samples, samples, SMALL, tmp_path / "whole", lambda *_: {})
+
+    def stop(_network: Network, progress: Progress) -> dict[str, float]:
+        if progress.epoch == 2:
+            raise KeyboardInterrupt
+        return {}
+
+    with pytest.raises(KeyboardInterrupt):
+        train(broken, samples, samples, SMALL, tmp_path / "broken", stop)
+    again = small_network()
+    progress = train(again, samples, samples, SMALL, tmp_path / "broken", lambda *_: {})
+    assert progress.epoch == 3 and len(progress.rows) == 3
+    for one, other in zip(whole.parameters(), again.parameters(), strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_training_makes_the_loss_smaller(samples: Samples, tmp_path: Path) -> None:
+    options = replace(SMALL, epochs=40, learning_rate=1e-2)
+    progress = train(small_network(), samples, samples, options, tmp_path, lambda *_: {})
+    assert progress.rows[-1]["validation_loss"] < 0.9 * progress.rows[0]["validation_loss"]
+
+
+def test_the_learning_rate_warms_up_and_falls_along_a_cosine() -> None:
+    options = replace(SMALL, epochs=21, warm_up=1, learning_rate=1.0, cosine=True)
+    rates = [learning_rate(options, epoch) for epoch in (0.5, 1.0, 11.0, 21.0)]
+    assert rates == pytest.approx([0.5, 1.0, 0.5, 0.01])
+
+
+def test_strangers_leave_labels_and_own_obstacles_alone(samples: Samples) -> None:
+    generator = torch.Generator().manual_seed(0)
+    batch = samples.plain_batch(torch.arange(len(samples)))
+    joined = with_strangers(batch, generator)
+    n = batch.scene.mask.shape[1]
+    assert torch.equal(joined.scene.edges[:, :n], batch.scene.edges)
+    assert torch.equal(joined.scene.mask[:, :n], batch.scene.mask)
+    assert joined.states is batch.states
+    assert joined.scene.mask[:, n:].any()
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--data", "nowhere"], ["--share", "0"], ["--epochs", "-1"], ["--config", "other"]]
+)
+def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = main([*arguments, "--out", str(tmp_path)])
+    except SystemExit as error:
+        code = int(error.code or 0)
+    assert code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
