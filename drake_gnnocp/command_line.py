@@ -14,3 +14,21 @@ class OneLineParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with one line instead of argparse's usage and message."""
         self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
+
+
+def count(text: str) -> int:
+    """An argument that is a whole number of 0 or more."""
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
+    return int(text)
+
+
+def seconds(text: str) -> float:
+    """An argument that is a time in (0, 100000] [s]."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value <= 1e5:
+        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
+    return value

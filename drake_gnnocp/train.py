@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
 from drake_gnnocp.dataset.generate import DatasetError, load_dataset
 from drake_gnnocp.learning.checkpoint import CONFIGS, Network, new_network, save_weights
 from drake_gnnocp.learning.samples import Samples
@@ -33,20 +33,14 @@ def _parser() -> argparse.ArgumentParser:
     data = Path("artifacts") / "dataset"
     add("--data", type=Path, default=data, metavar="DIR", help="folder of the dataset (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/training/CONFIG)")
-    add("--epochs", type=_count, metavar="N", help="passes over the dataset (default: the configuration's)")
+    add("--epochs", type=count, metavar="N", help="passes over the dataset (default: the configuration's)")
     add("--share", type=_share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
-    add("--seed", type=_count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
+    add("--seed", type=count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
     add("--device", default="cpu", metavar="NAME", help="cpu, cuda, ... (default: %(default)s)")
-    add("--threads", type=_count, default=0, metavar="N", help="threads of torch (default: its own choice)")
-    add("--check-every", type=_count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
-    add("--check-tasks", type=_count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    add("--threads", type=count, default=0, metavar="N", help="threads of torch (default: its own choice)")
+    add("--check-every", type=count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
+    add("--check-tasks", type=count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
     return parser
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
-    return int(text)
 
 
 def _share(text: str) -> float:

@@ -96,11 +96,11 @@ def _row(where: str, line: str) -> list[float]:
     return values
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write text to a temporary file beside path, then rename: a killed run leaves no half-written file."""
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write content to a temporary file beside path, then rename: a killed run leaves no half-written file."""
     temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
     try:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

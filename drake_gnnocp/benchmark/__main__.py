@@ -11,7 +11,7 @@ from drake_gnnocp.benchmark.benchmark import Benchmark
 from drake_gnnocp.benchmark.methods import METHODS, Settings, check_methods
 from drake_gnnocp.benchmark.summary import summarise
 from drake_gnnocp.benchmark.tasks import DATASET, TEST_MAPS, drawn_tasks, named_tasks
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, seconds
 from drake_gnnocp.row_files import RunsError
 from drake_gnnocp.trajectory import write_atomically
 
@@ -30,7 +30,7 @@ def _parser() -> argparse.ArgumentParser:
     add("scenarios", nargs="*", metavar="SCENARIO", help="a bundled name, a .json or a TPCAP .csv file")
     most = len(TEST_MAPS) * DATASET.pairs
     tasks = f"and the first N of {most} random tasks on {len(TEST_MAPS)} maps that are in no training (default: 0)"
-    add("--tasks", type=_count, default=0, metavar="N", help=tasks)
+    add("--tasks", type=count, default=0, metavar="N", help=tasks)
     add(
         "--methods",
         nargs="+",
@@ -43,38 +43,22 @@ def _parser() -> argparse.ArgumentParser:
     add("--jobs", type=_positive, default=1, metavar="N", help="processes; more than 1 blur timings (default: 1)")
     add(
         "--max-seconds",
-        type=_seconds,
+        type=seconds,
         default=DEFAULTS.max_seconds,
         metavar="S",
         help="wall-clock budget of one plan in seconds (default: %(default)g)",
     )
-    add("--seed", type=_count, default=DEFAULTS.seed, metavar="N", help="seed of RRT* (default: %(default)s)")
+    add("--seed", type=count, default=DEFAULTS.seed, metavar="N", help="seed of RRT* (default: %(default)s)")
     add("--weights", type=Path, metavar="FILE", help="weights of gnn and auto (default: those of the package)")
     out = Path("artifacts") / "benchmark"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
     return parser
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
-    return int(text)
-
-
 def _positive(text: str) -> int:
-    if (n := _count(text)) == 0:
+    if (n := count(text)) == 0:
         raise argparse.ArgumentTypeError(f"must be a number of 1 or more, not {text!r}")
     return n
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0 < seconds <= 1e5:
-        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
-    return seconds
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -11,7 +11,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
 from drake_gnnocp.dataset.datasheet import write_datasheet
 from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
 from drake_gnnocp.single_thread import single_threaded_children
@@ -29,10 +29,10 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 done; 2 bad input. The whole takes about 3 hours on 2 cores.",
     )
     add = parser.add_argument
-    add("--maps", type=_count, default=DEFAULTS.maps, metavar="N", help="number of maps (default: %(default)s)")
+    add("--maps", type=count, default=DEFAULTS.maps, metavar="N", help="number of maps (default: %(default)s)")
     pairs = "pairs of start and goal on each map (default: %(default)s)"
-    add("--pairs", type=_count, default=DEFAULTS.pairs, metavar="N", help=pairs)
-    add("--seed", type=_count, default=DEFAULTS.seed, metavar="N", help="seed of everything (default: %(default)s)")
+    add("--pairs", type=count, default=DEFAULTS.pairs, metavar="N", help=pairs)
+    add("--seed", type=count, default=DEFAULTS.seed, metavar="N", help="seed of everything (default: %(default)s)")
     add(
         "--kinds",
         nargs="+",
@@ -42,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--jobs",
-        type=_count,
+        type=count,
         default=os.cpu_count() or 1,
         metavar="N",
         help="processes (default: %(default)s, the cores)",
@@ -51,12 +51,6 @@ def _parser() -> argparse.ArgumentParser:
     out = Path("artifacts") / "dataset"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
     return parser
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
-    return int(text)
 
 
 @contextmanager

@@ -11,7 +11,6 @@ Maps are stored in `.npz` files, one or many a file, as arrays without pickled o
 from __future__ import annotations
 
 import io
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +19,7 @@ import numpy as np
 from drake_gnnocp.dataset.label import KEPT, Label
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.tasks.place import Place
-from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.trajectory import Trajectory, write_atomically
 from drake_gnnocp.vehicle import Vehicle
 
 SPLITS = ("train", "validation", "test")
@@ -50,12 +49,7 @@ def save_records(path: Path, records: list[MapRecord]) -> None:
     """Write maps; a killed run leaves no half-written file."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **_arrays(records))  # type: ignore[arg-type]
-    temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
-    try:
-        temporary.write_bytes(buffer.getvalue())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_atomically(path, buffer.getvalue())
 
 
 def load_records(path: Path) -> list[MapRecord]:

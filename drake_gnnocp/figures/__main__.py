@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, seconds
 from drake_gnnocp.figures.catalogue import FIGURES
 from drake_gnnocp.figures.plans import Plans, Skipped
 from drake_gnnocp.pictures.style import save_figure
@@ -40,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--max-seconds",
-        type=_seconds,
+        type=seconds,
         default=30.0,
         metavar="S",
         help="wall-clock budget of one plan in seconds (default: %(default)g)",
@@ -52,16 +52,6 @@ def _name(text: str) -> str:
     if text not in FIGURES:
         raise argparse.ArgumentTypeError(f"must be one of {', '.join(FIGURES)}, not {text!r}")
     return text
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0 < seconds <= 1e5:
-        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
-    return seconds
 
 
 def main(argv: list[str] | None = None) -> int:

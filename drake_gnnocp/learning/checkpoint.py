@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import io
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import torch
 
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.trajectory import write_atomically
 
 CONFIGS = ("default", "paper")
 Network = TrajectoryNetwork | PaperNetwork
@@ -38,13 +39,10 @@ def first_line(error: Exception) -> str:
 
 
 def save_atomically(path: Path, content: dict[str, Any]) -> None:
-    """`torch.save` to a temporary file beside path, then rename."""
-    temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
-    try:
-        torch.save(content, temporary)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """`torch.save` that leaves no half-written file."""
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_atomically(path, buffer.getvalue())
 
 
 def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:

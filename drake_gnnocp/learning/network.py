@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from drake_gnnocp.learning.scene import Scene, with_obstacles
+from drake_gnnocp.learning.scene import Scene, into_frame, with_obstacles
 from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -73,7 +73,7 @@ class ObstacleEncoder(nn.Module):
 
     def forward(self, edges: Tensor, mask: Tensor, goal: Tensor) -> Tensor:
         """Tokens (B, J, D) of edges (B, J, E, 4)."""
-        seen = torch.cat([edges, from_goal(edges, goal)], dim=-1) / LENGTH  # (B, J, E, 8)
+        seen = torch.cat([edges, into_frame(edges, goal)], dim=-1) / LENGTH  # (B, J, E, 8)
         hidden = self.first(seen)
         pooled = masked_max(hidden, mask)[:, :, None].expand_as(hidden)
         return masked_max(self.second(torch.cat([hidden, pooled], dim=-1)), mask)
@@ -85,19 +85,11 @@ def masked_max(values: Tensor, mask: Tensor) -> Tensor:
     return torch.where(mask.any(dim=-1)[..., None], largest, 0.0)
 
 
-def from_goal(points: Tensor, goal: Tensor) -> Tensor:
-    """Points (B, ..., 2n) [m] in the start's frame seen from the goal (B, 3)."""
-    pairs = points.reshape(len(points), -1, 2) - goal[:, None, :2]
-    cos, sin = torch.cos(goal[:, None, 2]), torch.sin(goal[:, None, 2])
-    x, y = cos * pairs[..., 0] + sin * pairs[..., 1], cos * pairs[..., 1] - sin * pairs[..., 0]
-    return torch.stack([x, y], dim=-1).reshape(points.shape)
-
-
 def task_features(scene: Scene) -> Tensor:
     """Goal and vehicle: (B, 17)."""
     x, y, theta = scene.goal.unbind(dim=1)
     distance = torch.hypot(x, y)
-    start = from_goal(torch.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
+    start = into_frame(torch.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
     pose = torch.stack([x, y, start[:, 0], start[:, 1], distance], dim=1) / LENGTH
     angles = torch.stack([torch.cos(theta), torch.sin(theta), theta, torch.log1p(distance)], dim=1)
     return torch.cat([pose, angles, 5 * (scene.vehicle / USUAL_VEHICLE.to(scene.vehicle) - 1)], dim=1)
@@ -203,7 +195,7 @@ def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
     gap = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
     zero = torch.zeros_like(gap[:, :1])
     before, after = torch.cat([zero, gap], dim=1), torch.cat([gap, zero], dim=1)
-    goal = from_goal(states[..., :2], scene.goal)
+    goal = into_frame(states[..., :2], scene.goal)
     turn = theta - scene.goal[:, 2:]
     v_max, phi_max = scene.vehicle[:, 4:5], scene.vehicle[:, 6:7]
     u = torch.linspace(0.0, 1.0, n).expand_as(x)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import logging
 import math
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from drake_gnnocp.learning.checkpoint import Network, save_atomically
 from drake_gnnocp.learning.losses import LossParts, LossWeights, network_loss
 from drake_gnnocp.learning.network import TrajectoryNetwork
 from drake_gnnocp.learning.samples import Batch, Samples
+from drake_gnnocp.trajectory import write_atomically
 
 logger = logging.getLogger(__name__)
 
@@ -134,12 +136,11 @@ def learning_rate(options: TrainingOptions, epoch: float) -> float:
 def write_curves(path: Path, rows: list[dict[str, float]]) -> None:
     """One row an epoch; columns that an epoch has no value for are empty."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
-    temporary.replace(path)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
+    write_atomically(path, text.getvalue())
 
 
 def _add(sums: dict[str, float], parts: dict[str, Tensor], n: int) -> None:

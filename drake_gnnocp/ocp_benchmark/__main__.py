@@ -7,7 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, seconds
 from drake_gnnocp.ocp_benchmark.benchmark import Settings, library_tasks, random_tasks, run_benchmark
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS, TUTORIAL
 from drake_gnnocp.ocp_benchmark.runs import RunsError
@@ -27,8 +27,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 done, however many tasks failed; 2 bad input. Timings want an otherwise idle machine.",
     )
     add = parser.add_argument
-    add("--tasks", type=_count, default=100, metavar="N", help="number of random tasks (default: %(default)s)")
-    add("--seed", type=_count, default=0, metavar="N", help="seed of the random tasks (default: %(default)s)")
+    add("--tasks", type=count, default=100, metavar="N", help="number of random tasks (default: %(default)s)")
+    add("--seed", type=count, default=0, metavar="N", help="seed of the random tasks (default: %(default)s)")
     add("--library", action="store_true", help="run the bundled scenarios instead of random tasks")
     add(
         "--methods",
@@ -38,18 +38,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar="METHOD",
         help=f"some of {', '.join(METHODS)} (default: {' '.join([DRAKE, *CASADI])})",
     )
-    add("--tutorial", type=_count, default=0, metavar="N", help="run the slow 'tutorial' on the first N tasks as well")
+    add("--tutorial", type=count, default=0, metavar="N", help="run the slow 'tutorial' on the first N tasks as well")
     add("--perturb", action="store_true", help="start ours from bad guesses as well, and from its own optimum")
     add(
         "--max-seconds",
-        type=_seconds,
+        type=seconds,
         default=DEFAULTS.max_seconds,
         metavar="S",
         help="wall-clock limit of one method on one task in seconds (default: %(default)g)",
     )
     add(
         "--search-seconds",
-        type=_seconds,
+        type=seconds,
         default=DEFAULTS.search_seconds,
         metavar="S",
         help="wall-clock limit of Hybrid A* on one task in seconds (default: %(default)g)",
@@ -60,26 +60,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
-    return int(text)
-
-
 def _knots(text: str) -> int:
-    if (n := _count(text)) < 4:
+    if (n := count(text)) < 4:
         raise argparse.ArgumentTypeError(f"must be at least 4, not {text!r}")
     return n
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0 < seconds <= 1e5:
-        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
-    return seconds
 
 
 def main(argv: list[str] | None = None) -> int:
