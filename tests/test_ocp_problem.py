@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
-from pydrake.solvers import MathematicalProgram
+from pydrake.solvers import BoundingBoxConstraint, MathematicalProgram
 from pydrake.symbolic import Variable, cos, sin, tan
 from pydrake.systems.primitives import SymbolicVectorSystem
 
@@ -15,6 +15,7 @@ from drake_gnnocp.ocp.cost import CostWeights, add_cost, evaluate_cost, proximit
 from drake_gnnocp.ocp.dynamics import add_dynamics, defects
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
 from drake_gnnocp.ocp.separating_line import Separation, add_separating_line, best_normal
+from drake_gnnocp.ocp.sparsity import jacobian_sparsity
 from drake_gnnocp.ocp.triangle_area import excess_area, near_rows, row_values
 from drake_gnnocp.ocp.variables import add_variables
 from drake_gnnocp.ocp.workspace import add_workspace
@@ -228,3 +229,43 @@ def test_unpack_gives_the_guess_back() -> None:
         np.testing.assert_allclose(trajectory.t, guess.t, atol=EXACT)
         np.testing.assert_allclose(trajectory.states, guess.states, atol=EXACT)
         np.testing.assert_allclose(trajectory.inputs, guess.inputs, atol=EXACT)
+
+
+# --- the program as a whole ---
+
+
+def test_the_sparsity_of_the_jacobian_has_the_rows_and_columns_of_its_constraints() -> None:
+    scenario = Scenario("one block", np.zeros(3), np.array([8.0, 2.0, 0.8]), (SQUARE + [3.0, 3.0],))
+    problem = build(scenario, wavy_guess(), [Separation(4, SQUARE + [3.0, 3.0], 0.02)], ProblemOptions())
+    program = problem.program
+    pattern = np.zeros((problem.n_rows, program.num_vars()), dtype=bool)
+    for block in jacobian_sparsity(program):
+        pattern[block.rows, block.columns] = True
+    x = problem.guess + np.random.default_rng(0).normal(0, 1e-3, program.num_vars())
+    first = 0
+    for binding in program.GetAllConstraints():
+        if isinstance(binding.evaluator(), BoundingBoxConstraint):
+            continue
+        index = program.FindDecisionVariableIndices(binding.variables())
+        values = ExtractGradient(binding.evaluator().Eval(InitializeAutoDiff(x[index]).ravel()))
+        used = np.zeros((len(values), program.num_vars()), dtype=bool)
+        used[:, index] = values != 0
+        rows = pattern[first : first + len(values)]
+        assert not used[~rows].any() and rows.any(axis=1).all()
+        first += len(values)
+    assert first == problem.n_rows
+
+
+def test_the_scale_of_the_states_changes_the_program_and_not_the_problem() -> None:
+    scenario = Scenario("one block", np.zeros(3), np.array([8.0, 2.0, 0.8]), (SQUARE + [3.0, 3.0],), (-3, 12, -4, 9))
+    lines = [Separation(4, SQUARE + [3.0, 3.0], 0.02)]
+    programs = [build(scenario, wavy_guess(), lines, ProblemOptions(state_scale=scale)) for scale in (1.0, 100.0)]
+    values = []
+    for problem in programs:
+        guess = problem.guess
+        np.testing.assert_allclose(unpack(problem, guess).states, wavy_guess().states, rtol=EXACT, atol=EXACT)
+        generic = problem.program.generic_constraints()
+        values.append([problem.program.EvalBinding(each, guess) for each in generic])
+        values[-1] += [problem.program.EvalBinding(each, guess) for each in problem.program.GetAllCosts()]
+    for unscaled, scaled in zip(*values, strict=True):
+        np.testing.assert_allclose(unscaled, scaled, rtol=1e-9, atol=1e-9)

@@ -15,7 +15,15 @@ from matplotlib.image import imread
 from matplotlib.patches import PathPatch, Polygon
 from yard import FAR, FAR_ROUNDING, ROUNDING, left_turn, scenario
 
-from drake_gnnocp.pictures import draw_map, draw_states, save_plan_picture, save_states_picture, style
+from drake_gnnocp.pictures import (
+    draw_map,
+    draw_states,
+    plan_figure,
+    save_plan_picture,
+    save_states_picture,
+    states_figure,
+    style,
+)
 from drake_gnnocp.pictures.scene import extent
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -155,3 +163,16 @@ def test_import_writes_nothing_and_leaves_pyplot_alone(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert not list(tmp_path.iterdir())
+
+
+def test_figures_for_a_notebook_are_those_of_the_files(tmp_path: Path) -> None:
+    task = scenario()
+    for name, figure in (
+        ("plan.png", plan_figure(task, left_turn(), left_turn(5.0), "a title")),
+        ("states.png", states_figure(left_turn(), task.vehicle, left_turn(5.0), "a title")),
+    ):
+        style.save_figure(figure, tmp_path / name)
+    save_plan_picture(tmp_path / "saved_plan.png", task, left_turn(), left_turn(5.0), "a title")
+    save_states_picture(tmp_path / "saved_states.png", left_turn(), task.vehicle, left_turn(5.0), "a title")
+    for name in ("plan.png", "states.png"):
+        assert np.array_equal(imread(tmp_path / name), imread(tmp_path / f"saved_{name}"))

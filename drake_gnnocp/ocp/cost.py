@@ -15,7 +15,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram
 
-from drake_gnnocp.ocp.variables import STATE_SCALE, STEP_SCALE, Variables
+from drake_gnnocp.ocp.variables import STEP_SCALE, Variables
 from drake_gnnocp.trajectory import Trajectory
 
 IPOPT_LARGEST_GRADIENT = 100.0  # its nlp_scaling_max_gradient: larger gradients at the start make it scale the cost
@@ -116,11 +116,11 @@ def _add_proximity_cost(
     def evaluate(x: np.ndarray) -> object:
         with_gradient = x.dtype != float
         values = ExtractValue(x).ravel() if with_gradient else x
-        value, gradient = proximity(values.reshape(-1, 2) * STATE_SCALE, centroids, gamma)
+        value, gradient = proximity(values.reshape(-1, 2) * variables.state_scale, centroids, gamma)
         total = np.array([factor * value.sum()])
         if not with_gradient:
             return float(total[0])
-        return InitializeAutoDiff(total, factor * STATE_SCALE * gradient.reshape(1, -1)).item()
+        return InitializeAutoDiff(total, factor * variables.state_scale * gradient.reshape(1, -1)).item()
 
     positions = variables.knots[1:-1, :2].ravel()
     program.AddCost(evaluate, positions).evaluator().set_description("J2")

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.solvers import LinearEqualityConstraint, MathematicalProgram
 
-from drake_gnnocp.ocp.variables import KNOT_SCALE, N_KNOT, N_STATES, STATE_SCALE, STEP_SCALE, Variables, add_block
+from drake_gnnocp.ocp.variables import N_KNOT, N_STATES, STEP_SCALE, Variables, add_block
 from drake_gnnocp.vehicle import Input, State, Vehicle
 
 BLOCK = 20  # intervals in one callback: one interval each is 3 times slower, all in one slower too
@@ -107,7 +107,7 @@ def add_dynamics(program: MathematicalProgram, variables: Variables, vehicle: Ve
 
 def _add_trapezoid_rule(program: MathematicalProgram, variables: Variables) -> None:
     """v_{k+1} - v_k = h (a_k + a_{k+1}) / 2 and phi likewise, for a fixed h."""
-    half = variables.fixed_step / 2 / STATE_SCALE
+    half = variables.fixed_step / 2 / variables.state_scale
     # one evaluator for all rows: making one takes pydrake a search for scipy
     row = LinearEqualityConstraint(np.array([[-1.0, 1.0, -half, -half]]), np.zeros(1))
     row.set_description("trapezoid rule")
@@ -127,11 +127,12 @@ def _add_block_of_defects(
     in_knots = entries[:, 1] < 2 * N_KNOT
     rows = (interval * n_rows + row).ravel()
     columns = np.where(in_knots, interval * N_KNOT + entries[:, 1], (n_intervals + 1) * N_KNOT).ravel()
-    scale = np.concatenate([KNOT_SCALE, KNOT_SCALE, [STEP_SCALE]])[entries[:, 1]]
+    knot_scale = variables.knot_scale
+    scale = np.concatenate([knot_scale, knot_scale, [STEP_SCALE]])[entries[:, 1]]
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         h = float(x[-1]) * STEP_SCALE if n_step else variables.fixed_step
-        knots = x[: (n_intervals + 1) * N_KNOT].reshape(-1, N_KNOT) * KNOT_SCALE
+        knots = x[: (n_intervals + 1) * N_KNOT].reshape(-1, N_KNOT) * knot_scale
         value, derivative = defects(knots, h, vehicle.wheelbase)
         return value[:, :n_rows].ravel(), (derivative[:, row, entries[:, 1]] * scale).ravel()
 

@@ -11,7 +11,15 @@ from drake_gnnocp.ocp.cost import CostWeights, add_cost
 from drake_gnnocp.ocp.dynamics import add_dynamics
 from drake_gnnocp.ocp.separating_line import Separation, add_separating_line
 from drake_gnnocp.ocp.triangle_area import add_triangle_areas, near_rows
-from drake_gnnocp.ocp.variables import KNOT_SCALE, STEP_SCALE, Variables, add_ends, add_limits, add_tube, add_variables
+from drake_gnnocp.ocp.variables import (
+    STATE_SCALE,
+    STEP_SCALE,
+    Variables,
+    add_ends,
+    add_limits,
+    add_tube,
+    add_variables,
+)
 from drake_gnnocp.ocp.workspace import add_workspace
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -32,6 +40,7 @@ class ProblemOptions:
     tube_heading: float = 0.8  # rad
     goal_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad: aimed beside the goal to end at it
     free_horizon: bool = False  # whether the duration is a decision variable
+    state_scale: float = STATE_SCALE  # what the states are divided by in the program, see `variables`
 
 
 @dataclass(frozen=True)
@@ -59,7 +68,7 @@ def build(scenario: Scenario, guess: Trajectory, separations: list[Separation], 
     vehicle, poses = scenario.vehicle, guess.poses
     turns = 2 * np.pi * np.round((poses[-1, 2] - scenario.goal[2]) / (2 * np.pi))  # the goal the guess turns to
 
-    variables = add_variables(program, len(guess), h, options.free_horizon)
+    variables = add_variables(program, len(guess), h, options.free_horizon, options.state_scale)
     add_limits(program, variables, vehicle, options.limits_margin)
     if not options.free_horizon:
         add_tube(program, variables, poses, np.array([options.tube, options.tube, options.tube_heading]))
@@ -74,7 +83,7 @@ def build(scenario: Scenario, guess: Trajectory, separations: list[Separation], 
         add_separating_line(program, variables, vehicle, pair, poses[pair.interval : pair.interval + 2])
     scale = add_cost(program, variables, scenario.centroids, options.weights)
 
-    program.SetInitialGuess(variables.knots, np.hstack([guess.states, guess.inputs]) / KNOT_SCALE)
+    program.SetInitialGuess(variables.knots, np.hstack([guess.states, guess.inputs]) / variables.knot_scale)
     if options.free_horizon:
         limits = program.AddBoundingBoxConstraint(0.1 * h / STEP_SCALE, 3 * h / STEP_SCALE, variables.step)
         limits.evaluator().set_description("time step")

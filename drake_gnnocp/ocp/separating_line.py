@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
-from drake_gnnocp.ocp.variables import STATE_SCALE, Variables, add_block
+from drake_gnnocp.ocp.variables import Variables, add_block
 from drake_gnnocp.vehicle import Vehicle
 
 
@@ -65,16 +65,17 @@ def add_separating_line(
     """Add the line of one pair, with an initial guess from the poses (2, 3) at its knots [m, m, rad].
 
     Returns:
-        (2,) the new variables: alpha and beta, over STATE_SCALE.
+        (2,) the new variables: alpha and beta, over the scale of the states.
     """
     corners, ring, gap = vehicle.corners, separation.ring, separation.gap
+    scale = variables.state_scale
     alpha, beta, _ = best_normal(vehicle.footprints(poses).reshape(-1, 2), ring)
     line = program.NewContinuousVariables(2, f"line{separation.interval}_")
-    program.SetInitialGuess(line, np.array([alpha, beta]) / STATE_SCALE)
+    program.SetInitialGuess(line, np.array([alpha, beta]) / scale)
     n_vertices = len(ring)
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        values = x * STATE_SCALE
+        values = x * scale
         poses, (alpha, beta) = values[:6].reshape(2, 3), values[6:]
         n, turned = np.array([np.cos(alpha), np.sin(alpha)]), np.array([-np.sin(alpha), np.cos(alpha)])
         offsets = vehicle.footprints(poses) - poses[:, None, :2]  # (2, 4, 2) corners from the rear axle
@@ -84,7 +85,7 @@ def add_separating_line(
         ones = np.ones((2, 4))
         corner_entries = np.stack([n[0] * ones, n[1] * ones, d_theta, d_alpha, -ones], axis=-1)
         vertex_entries = np.column_stack([-ring @ turned, np.ones(n_vertices)])
-        entries = np.concatenate([corner_entries.ravel(), vertex_entries.ravel()]) * STATE_SCALE
+        entries = np.concatenate([corner_entries.ravel(), vertex_entries.ravel()]) * scale
         return np.concatenate([corner_value.ravel(), beta - ring @ n]), entries
 
     knot = np.repeat([0, 1], len(corners))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
-from drake_gnnocp.ocp.variables import STATE_SCALE, Variables, add_block
+from drake_gnnocp.ocp.variables import Variables, add_block
 from drake_gnnocp.vehicle import Vehicle
 
 KNOTS_PER_BLOCK = 20  # in one callback: 10 took 1.2 times as long an iteration, 5 1.3 times
@@ -176,10 +176,10 @@ def add_triangle_areas(program: MathematicalProgram, variables: Variables, rows:
 
 def _add_block_of_rows(program: MathematicalProgram, variables: Variables, rows: Rows, margins: np.ndarray) -> None:
     knots, position = np.unique(rows.knot, return_inverse=True)
-    scale = STATE_SCALE / rows.length[:, None]
+    scale = variables.state_scale / rows.length[:, None]
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        poses = x.reshape(-1, 3) * STATE_SCALE
+        poses = x.reshape(-1, 3) * variables.state_scale
         excess, derivative = row_values(rows, poses[position])
         return excess / rows.length, (derivative * scale).ravel()
 

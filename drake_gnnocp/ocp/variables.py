@@ -1,7 +1,8 @@
 """The decision variables of the optimal control problem, and how numpy functions of them enter Drake.
 
 Ipopt's limited-memory BFGS starts from a multiple of the identity. The cost J1 has the Hessian 2 h on the inputs and
-none on the states, so the states stand in the program as value / 100: seen from there the identity is next to nothing.
+none on the states, so the states stand in the program as value / state_scale: seen from there the identity is next to
+nothing.
 (`SetVariableScaling` does not reach Ipopt.)
 """
 
@@ -19,9 +20,8 @@ from drake_gnnocp.vehicle import Vehicle
 
 N_STATES = 5  # x, y, theta, v, phi
 N_KNOT = 7  # ... and a, w
-STATE_SCALE = 100.0  # program variable = state / STATE_SCALE
+STATE_SCALE = 100.0  # the usual state_scale: program variable = state / state_scale
 STEP_SCALE = 10.0  # program variable = h / STEP_SCALE
-KNOT_SCALE = np.array([STATE_SCALE] * N_STATES + [1.0, 1.0])  # value = program variable * scale
 
 # Values (M,) and the entries of their Jacobian, in the order of the sparsity pattern given beside the function.
 BlockFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -31,12 +31,18 @@ BlockFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 class Variables:
     """Decision variables of a program."""
 
-    knots: np.ndarray  # (N, 7) x, y, theta, v, phi over STATE_SCALE, and a, w
+    knots: np.ndarray  # (N, 7) x, y, theta, v, phi over state_scale, and a, w
     step: np.ndarray  # (1,) h / STEP_SCALE where the horizon is free, else (0,)
     fixed_step: float  # s, h where it is fixed, else the guess's
+    state_scale: float = STATE_SCALE
 
     def __len__(self) -> int:
         return len(self.knots)
+
+    @property
+    def knot_scale(self) -> np.ndarray:
+        """What the 7 columns of `knots` are multiplied by to be in SI units."""
+        return np.array([self.state_scale] * N_STATES + [1.0, 1.0])
 
     @property
     def free_horizon(self) -> bool:
@@ -45,22 +51,24 @@ class Variables:
 
     def trajectory(self, values: np.ndarray, step: float) -> Trajectory:
         """The trajectory of program values (N, 7) at time step `step` [s]."""
-        knots = values * KNOT_SCALE
+        knots = values * self.knot_scale
         return Trajectory(step * np.arange(len(knots)), knots[:, :N_STATES], knots[:, N_STATES:])
 
 
-def add_variables(program: MathematicalProgram, n_knots: int, step: float, free_horizon: bool) -> Variables:
+def add_variables(
+    program: MathematicalProgram, n_knots: int, step: float, free_horizon: bool, state_scale: float = STATE_SCALE
+) -> Variables:
     """Add the knots' states and inputs, and h where the horizon is free."""
     knots = program.NewContinuousVariables(n_knots, N_KNOT, "knot")
     h = program.NewContinuousVariables(1, "h") if free_horizon else np.array([])
-    return Variables(knots, h, step)
+    return Variables(knots, h, step, state_scale)
 
 
 def add_limits(program: MathematicalProgram, variables: Variables, vehicle: Vehicle, margin: float) -> None:
     """|v|, |phi|, |a|, |w| within the vehicle's limits, less a relative margin, at every knot."""
-    limits = (1 - margin) * np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max]) / KNOT_SCALE[3:]
+    limits = (1 - margin) * np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max])
     columns = variables.knots[1:-1, 3:]
-    bound = np.tile(limits, len(columns))
+    bound = np.tile(limits / variables.knot_scale[3:], len(columns))
     program.AddBoundingBoxConstraint(-bound, bound, columns.ravel()).evaluator().set_description("limits")
 
 
@@ -70,14 +78,15 @@ def add_tube(program: MathematicalProgram, variables: Variables, poses: np.ndarr
     It keeps the solver from jumping over thin obstacles, and to places where no rows guard it.
     """
     columns, low, high = variables.knots[1:-1, :3], poses[1:-1] - reach, poses[1:-1] + reach
-    box = program.AddBoundingBoxConstraint((low / STATE_SCALE).ravel(), (high / STATE_SCALE).ravel(), columns.ravel())
+    low, high = low / variables.state_scale, high / variables.state_scale
+    box = program.AddBoundingBoxConstraint(low.ravel(), high.ravel(), columns.ravel())
     box.evaluator().set_description("tube")
 
 
 def add_ends(program: MathematicalProgram, variables: Variables, start: np.ndarray, goal: np.ndarray) -> None:
     """Start and goal pose (3,), with v = phi = a = w = 0 at both (the paper's boundary conditions)."""
     for name, knot, pose in (("start", 0, start), ("goal", -1, goal)):
-        values = np.append(pose, np.zeros(4)) / KNOT_SCALE
+        values = np.append(pose, np.zeros(4)) / variables.knot_scale
         program.AddBoundingBoxConstraint(values, values, variables.knots[knot]).evaluator().set_description(name)
 
 

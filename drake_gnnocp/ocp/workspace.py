@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
-from drake_gnnocp.ocp.variables import STATE_SCALE, Variables, add_block
+from drake_gnnocp.ocp.variables import Variables, add_block
 from drake_gnnocp.vehicle import Vehicle
 
 # (axis, sign) of xmin, xmax, ymin, ymax: sign * (coordinate - bound) >= 0 inside
@@ -52,14 +52,15 @@ def _add_side(
     margin: float,
 ) -> None:
     corner_x, corner_y = vehicle.corners.T
+    scale = variables.state_scale
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        poses = x.reshape(-1, 2) * STATE_SCALE  # this axis's coordinate and theta
+        poses = x.reshape(-1, 2) * scale  # this axis's coordinate and theta
         cos, sin = np.cos(poses[:, 1:]), np.sin(poses[:, 1:])
         offset_x, offset_y = cos * corner_x - sin * corner_y, sin * corner_x + cos * corner_y
         offset, turned = (offset_x, -offset_y) if axis == 0 else (offset_y, offset_x)
         values = sign * (poses[:, :1] + offset - bound)
-        entries = sign * STATE_SCALE * np.stack([np.ones_like(turned), turned], axis=-1)
+        entries = sign * scale * np.stack([np.ones_like(turned), turned], axis=-1)
         return values.ravel(), entries.ravel()
 
     n = len(knots) * len(corner_x)

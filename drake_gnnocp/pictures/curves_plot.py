@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from drake_gnnocp.pictures import style
 
@@ -43,8 +44,8 @@ def draw_curves(ax: Axes, rows: Rows, curves: Sequence[tuple[str, str, str, str]
     return ax
 
 
-def save_curves_picture(rows: Rows, path: Path | str) -> None:
-    """Write the curves of a training as a picture (PNG, or what the suffix says)."""
+def curves_figure(rows: Rows) -> Figure:
+    """The curves of a training as a figure of its own, for a notebook or a file."""
     figure = style.new_figure(*FIGURE_SIZE)
     axes = list(figure.subplots(len(PANELS), 1, sharex=True, gridspec_kw={"hspace": 0.12}))
     for ax, (label, curves) in zip(axes, PANELS, strict=True):
@@ -52,4 +53,9 @@ def save_curves_picture(rows: Rows, path: Path | str) -> None:
         ax.set_ylabel(label, fontsize=style.LABEL_SIZE)
         ax.set_ylim(bottom=0.0)
     axes[-1].set_xlabel("epoch", fontsize=style.LABEL_SIZE)
-    style.save_figure(figure, path)
+    return figure
+
+
+def save_curves_picture(rows: Rows, path: Path | str) -> None:
+    """Write the curves of a training as a picture (PNG, or what the suffix says)."""
+    style.save_figure(curves_figure(rows), path)

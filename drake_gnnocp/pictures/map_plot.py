@@ -9,6 +9,7 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
 
@@ -66,6 +67,21 @@ def draw_map(
     return ax
 
 
+def plan_figure(
+    scenario: Scenario,
+    trajectory: Trajectory | None = None,
+    guess: Trajectory | None = None,
+    title: str | None = None,
+) -> Figure:
+    """The map of a plan as a figure of its own, for a notebook or a file."""
+    low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
+    width, height = high - low
+    scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
+    figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title)
+    return figure
+
+
 def save_plan_picture(
     path: FilePath | str,
     scenario: Scenario,
@@ -74,12 +90,7 @@ def save_plan_picture(
     title: str | None,
 ) -> None:
     """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
-    width, height = high - low
-    scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
-    figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title)
-    style.save_figure(figure, path)
+    style.save_figure(plan_figure(scenario, trajectory, guess, title), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from drake_gnnocp.pictures import style
 from drake_gnnocp.trajectory import Trajectory
@@ -54,6 +55,22 @@ def draw_states(
     return axes
 
 
+def states_figure(
+    trajectory: Trajectory | None,
+    vehicle: Vehicle,
+    guess: Trajectory | None = None,
+    title: str | None = None,
+) -> Figure:
+    """The states of a plan over time as a figure of its own, for a notebook or a file."""
+    figure = style.new_figure(*FIGURE_SIZE)
+    axes = list(figure.subplots(len(ROWS), 1, sharex=True, gridspec_kw={"hspace": 0.1}))
+    draw_states(axes, trajectory, vehicle, guess)
+    figure.align_ylabels(axes)
+    if title:
+        axes[0].set_title(title, fontsize=style.TITLE_SIZE, pad=22)  # points: above the legend
+    return figure
+
+
 def save_states_picture(
     path: Path | str,
     trajectory: Trajectory | None,
@@ -62,13 +79,7 @@ def save_states_picture(
     title: str | None,
 ) -> None:
     """Write the states of a plan over time as a picture (PNG, or what the suffix says)."""
-    figure = style.new_figure(*FIGURE_SIZE)
-    axes = list(figure.subplots(len(ROWS), 1, sharex=True, gridspec_kw={"hspace": 0.1}))
-    draw_states(axes, trajectory, vehicle, guess)
-    figure.align_ylabels(axes)
-    if title:
-        axes[0].set_title(title, fontsize=style.TITLE_SIZE, pad=22)  # points: above the legend
-    style.save_figure(figure, path)
+    style.save_figure(states_figure(trajectory, vehicle, guess, title), path)
 
 
 _PLAN: dict[str, Any] = {"color": style.PLAN, "linewidth": 1.6, "label": "optimised", "zorder": 3.0}

@@ -88,7 +88,7 @@ def main(argv: list[str] | None = None) -> int:
         (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
     if not arguments.no_pictures:
         _save_pictures(result, folder)
-    print(_summary(result))
+    print(result.summary)
     print(f"written to {folder}")
     return VERIFIED if result.verified else NOT_VERIFIED
 
@@ -106,18 +106,6 @@ def _save_pictures(result: Plan, folder: Path) -> None:
     if trajectory is not None:
         save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
         save_replay(folder / "replay.html", scenario, trajectory)
-
-
-def _summary(result: Plan) -> str:
-    line = f"{result.scenario.name}: {result.status} in {result.total_seconds:.2f} s (guess {result.guess_source}"
-    line += f", {sum(a.iterations for a in result.attempts)} iterations, {len(result.attempts)} attempts)"
-    if result.trajectory is not None and result.cost is not None and result.verification is not None:
-        clearance = result.verification.min_clearance_m
-        line += f"; {result.trajectory.duration:.1f} s long, cost {result.cost.J:.2f}, clearance {clearance:.2f} m"
-    if result.cut_short:
-        line += "; stopped by the budget: not yet at its optimum"
-    reasons = [f"  {a.guess}: {a.reason}" for a in result.attempts if a.reason]
-    return "\n".join([line, *reasons])
 
 
 if __name__ == "__main__":

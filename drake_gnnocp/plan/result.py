@@ -60,6 +60,19 @@ class Plan:
         reported = [attempt for attempt in self.attempts if attempt.verified and attempt.cost == self.cost.J]
         return any(attempt.solver_status == OUT_OF_TIME for attempt in reported)
 
+    @property
+    def summary(self) -> str:
+        """What came out in one line, and one more for every attempt that was given up."""
+        line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
+        line += f", {sum(each.iterations for each in self.attempts)} iterations, {len(self.attempts)} attempts)"
+        if self.trajectory is not None and self.cost is not None and self.verification is not None:
+            clearance = self.verification.min_clearance_m
+            line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, clearance {clearance:.2f} m"
+        if self.cut_short:
+            line += "; stopped by the budget: not yet at its optimum"
+        reasons = [f"  {each.guess}: {each.reason}" for each in self.attempts if each.reason]
+        return "\n".join([line, *reasons])
+
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
         return {
