@@ -6,9 +6,12 @@ limited-memory BFGS, and `warm_start_init_point` must stay off (it needs dual va
 
 from __future__ import annotations
 
+import logging
 import re
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,13 +66,26 @@ def solve(
         for name, value in _settings(hessian, max(max_seconds, 1e-3), options, log).items():
             settings.SetOption(solver.solver_id(), name, value)
         start = time.perf_counter()
-        result = solver.Solve(program, guess, settings)
+        with _quiet():
+            result = solver.Solve(program, guess, settings)
         seconds = time.perf_counter() - start
         iterations = _iterations(log)
     values = result.GetSolution(program.decision_variables())
     violated = () if result.is_success() else tuple(result.GetInfeasibleConstraintNames(program))
     status = result.get_solver_details().ConvertStatusToString()
     return Solution(values, result.is_success(), status, iterations, seconds, violated)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Drake warns of every solve that hits a limit; the status says so."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _settings(hessian: float, max_seconds: float, options: IpoptOptions, log: Path) -> dict[str, float | int | str]:

@@ -27,12 +27,11 @@ FRAME = "#666666"
 
 TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 11.0, 9.5, 8.5  # points
 DPI = 160  # a 7 inch picture is 1120 pixels wide
-SCREEN_DPI = 120  # the same, where a notebook shows a figure
 
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty white figure of about width x height [inch]: `save_figure` fits the paper to what is drawn."""
-    return Figure(figsize=(width, height), facecolor="white", dpi=SCREEN_DPI)
+    return Figure(figsize=(width, height), facecolor="white")
 
 
 def dress(ax: Axes) -> Axes:
