@@ -14,9 +14,11 @@ from drake_gnnocp.dataset.generate import check_settings
 from drake_gnnocp.dataset.records import save_records
 from drake_gnnocp.learning.augment import with_strangers
 from drake_gnnocp.learning.checkpoint import Network, load_weights
+from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.overrides import override
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.learning.samples import Samples
-from drake_gnnocp.learning.training import PAPER_TRAINING, Progress, learning_rate, train
+from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
 from drake_gnnocp.train import main
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
@@ -102,3 +104,21 @@ def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, capsys: pyt
         code = int(error.code or 0)
     assert code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_settings_change_sizes_losses_and_options() -> None:
+    settings = {"hypotheses": "1", "kinematics": "0", "strangers": "0", "unknown": "1"}
+    assert override(NetworkConfig(), settings).hypotheses == 1
+    options = override(DEFAULT_TRAINING, settings)
+    assert options.losses.kinematics == 0.0 and not options.strangers
+    assert settings == {"unknown": "1"}
+
+
+@pytest.mark.parametrize("setting", ["points", "points=many", "wings=2"])
+def test_a_setting_that_is_none_is_refused(setting: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    try:
+        code = main(["--set", setting, "--out", str(tmp_path)])
+    except SystemExit as exit:
+        code = int(str(exit.code))
+    error = capsys.readouterr().err
+    assert code == 2 and "--set" in error and error.count("\n") == 1
