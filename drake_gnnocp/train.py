@@ -115,9 +115,8 @@ def run_training(
         quality = planning_quality(network, tasks)
         best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
         if quality["plan_badness"] < best:
-            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed}
-            about["from"] = str(arguments.start or "random weights")
-            save_weights(folder / "best.pt", network, about | quality)
+            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, **quality}
+            save_weights(folder / "best.pt", network, about | {"from": str(arguments.start or "random weights")})
         return quality
 
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
