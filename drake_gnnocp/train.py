@@ -12,6 +12,7 @@ import torch
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
 from drake_gnnocp.dataset.generate import DatasetError, load_dataset
 from drake_gnnocp.learning.checkpoint import CONFIGS, Network, config_of, load_weights, new_network, save_weights
+from drake_gnnocp.learning.comparison import comparison
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.overrides import override
 from drake_gnnocp.learning.paper_network import PaperConfig
@@ -47,6 +48,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--threads", type=count, default=0, metavar="N", help="threads of torch (default: its own choice)")
     add("--check-every", type=count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
     add("--check-tasks", type=count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    compare = "train nothing; print a table of the trainings whose folders are in DIR"
+    add("--compare", type=Path, metavar="DIR", help=compare)
     return parser
 
 
@@ -70,6 +73,13 @@ def _setting(text: str) -> tuple[str, str]:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, train and write; returns the exit code."""
     arguments = _parser().parse_args(argv)
+    if arguments.compare:
+        try:
+            print(comparison(arguments.compare), end="")
+        except OSError as error:
+            print(f"--compare: {error.filename}: {error.strerror}", file=sys.stderr)
+            return BAD_INPUT
+        return DONE
     folder: Path = arguments.out or Path("artifacts") / "training" / arguments.config
     options = DEFAULT_TRAINING if arguments.config == "default" else PAPER_TRAINING
     options = replace(options, seed=arguments.seed, epochs=arguments.epochs or options.epochs)

@@ -175,7 +175,7 @@ def test_a_small_network_learns_eight_scenes_by_heart(config: NetworkConfig | Pa
     batch = labelled_batch(8, network.config.points)
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
     first = loss_of(network, batch, LossWeights())["position"]
-    for _ in range(100):
+    for _ in range(200):
         parts = loss_of(network, batch, LossWeights())
         optimiser.zero_grad()
         parts["loss"].backward()

@@ -122,3 +122,15 @@ def test_a_setting_that_is_none_is_refused(setting: str, capsys: pytest.CaptureF
         code = int(str(exit.code))
     error = capsys.readouterr().err
     assert code == 2 and "--set" in error and error.count("\n") == 1
+
+
+def test_trainings_are_compared_by_their_last_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["--compare", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("--compare: ")
+    columns = "epoch,validation_position,plan_verified,plan_first,plan_iterations,plan_badness"
+    for name, share in (("base", 0.9), ("other", 0.8)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "curves.csv").write_text(f"{columns}\n1,2,0.5,0.5,9,40\n2,1.5,{share},0.7,3,20\n3,1,,,,\n")
+    assert main(["--compare", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2:] == ["| base | 2 | 1.5 | 90% | 70% | 3 | 20 |", "| other | 2 | 1.5 | 80% | 70% | 3 | 20 |"]
