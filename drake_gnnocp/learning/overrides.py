@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 
 def override(options: T, settings: dict[str, str]) -> T:
@@ -19,13 +22,13 @@ def override(options: T, settings: dict[str, str]) -> T:
         ValueError: a value does not fit its field.
     """
     changed: dict[str, Any] = {}
-    for field in fields(options):  # type: ignore[arg-type]
+    for field in fields(options):
         value = getattr(options, field.name)
         if is_dataclass(value):
             changed[field.name] = override(value, settings)
         elif field.name in settings:
             changed[field.name] = _parsed(field.name, settings.pop(field.name), type(value))
-    return replace(options, **changed)  # type: ignore[type-var]
+    return replace(options, **changed)
 
 
 def _parsed(name: str, text: str, kind: type) -> Any:
