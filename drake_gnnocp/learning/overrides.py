@@ -24,7 +24,7 @@ def override(options: T, settings: dict[str, str]) -> T:
     changed: dict[str, Any] = {}
     for field in fields(options):
         value = getattr(options, field.name)
-        if is_dataclass(value):
+        if is_dataclass(value) and not isinstance(value, type):
             changed[field.name] = override(value, settings)
         elif field.name in settings:
             changed[field.name] = _parsed(field.name, settings.pop(field.name), type(value))
