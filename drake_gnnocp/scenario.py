@@ -81,7 +81,12 @@ class Scenario:
                 raise ScenarioError(f"{which}: the car leaves the bounds {list(self.bounds)}")
         car = shapely.Polygon(footprint)
         for j, ring in enumerate(self.obstacles):
-            if any(car.dwithin(polygon, ROUNDING) for polygon in polygons_of(ring - pose[:2])):
+            near = ring - pose[:2]
+            if (near.min(axis=0) > footprint.max(axis=0) + ROUNDING).any():
+                continue
+            if (near.max(axis=0) < footprint.min(axis=0) - ROUNDING).any():
+                continue
+            if any(car.dwithin(polygon, ROUNDING) for polygon in polygons_of(near)):
                 raise ScenarioError(f"{which}: the car collides with obstacles[{j}]")
 
     @cached_property

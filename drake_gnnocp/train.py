@@ -11,7 +11,11 @@ import torch
 
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
 from drake_gnnocp.dataset.generate import DatasetError, load_dataset
-from drake_gnnocp.learning.checkpoint import CONFIGS, Network, new_network, save_weights
+from drake_gnnocp.learning.checkpoint import CONFIGS, Network, config_of, load_weights, new_network, save_weights
+from drake_gnnocp.learning.comparison import comparison
+from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.overrides import override
+from drake_gnnocp.learning.paper_network import PaperConfig
 from drake_gnnocp.learning.samples import Samples
 from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, TrainingOptions, train
 from drake_gnnocp.pictures.curves_plot import save_curves_picture
@@ -33,13 +37,19 @@ def _parser() -> argparse.ArgumentParser:
     data = Path("artifacts") / "dataset"
     add("--data", type=Path, default=data, metavar="DIR", help="folder of the dataset (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/training/CONFIG)")
+    start = "weights to begin with, of a network of the same sizes (default: random ones)"
+    add("--from", type=Path, dest="start", metavar="FILE", help=start)
     add("--epochs", type=count, metavar="N", help="passes over the dataset (default: the configuration's)")
     add("--share", type=_share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
     add("--seed", type=count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
+    changes = "other sizes of the network, weights of the losses or options, such as hypotheses=1 kinematics=0 batch=32"
+    add("--set", type=_setting, nargs="+", default=[], metavar="NAME=X", help=changes)
     add("--device", default="cpu", metavar="NAME", help="cpu, cuda, ... (default: %(default)s)")
     add("--threads", type=count, default=0, metavar="N", help="threads of torch (default: its own choice)")
     add("--check-every", type=count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
     add("--check-tasks", type=count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    compare = "train nothing; print a table of the trainings whose folders are in DIR"
+    add("--compare", type=Path, metavar="DIR", help=compare)
     return parser
 
 
@@ -53,18 +63,36 @@ def _share(text: str) -> float:
     return share
 
 
+def _setting(text: str) -> tuple[str, str]:
+    name, sign, value = text.partition("=")
+    if not sign:
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")
+    return name, value
+
+
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, train and write; returns the exit code."""
     arguments = _parser().parse_args(argv)
+    if arguments.compare:
+        try:
+            print(comparison(arguments.compare), end="")
+        except OSError as error:
+            print(f"--compare: {error.filename}: {error.strerror}", file=sys.stderr)
+            return BAD_INPUT
+        return DONE
     folder: Path = arguments.out or Path("artifacts") / "training" / arguments.config
     options = DEFAULT_TRAINING if arguments.config == "default" else PAPER_TRAINING
     options = replace(options, seed=arguments.seed, epochs=arguments.epochs or options.epochs)
+    config, settings = config_of(arguments.config), dict(arguments.set)
     if arguments.threads:
         torch.set_num_threads(arguments.threads)
     try:
+        config, options = override(config, settings), override(options, settings)
+        if settings:
+            raise ValueError(f"--set: {', '.join(settings)}: no size of this network, loss or option")
         folder.mkdir(parents=True, exist_ok=True)
-        torch.set_default_device(arguments.device)
-        run_training(arguments.config, arguments.data, folder, options, arguments)
+        with torch.device(arguments.device):
+            run_training(config, folder, options, arguments)
     except (DatasetError, ValueError, RuntimeError) as error:
         print(str(error).splitlines()[0], file=sys.stderr)
         return BAD_INPUT
@@ -76,15 +104,17 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run_training(
-    config: str, data: Path, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
+    config: NetworkConfig | PaperConfig, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
 ) -> Progress:
     """Train with a check by planning now and then; the best weights are kept."""
-    records = load_dataset(data)
+    records = load_dataset(arguments.data)
     learned = [record for record in records if record.split == "train"]
     learned = learned[: max(1, round(arguments.share * len(learned)))]
     unseen = [record for record in records if record.split == "validation"]
     torch.manual_seed(options.seed)
     network = new_network(config)
+    if arguments.start:
+        network.load_state_dict(started_from(arguments.start, config))
     points = network.config.points
     tasks = validation_tasks(unseen, arguments.check_tasks)
 
@@ -95,16 +125,28 @@ def run_training(
         quality = planning_quality(network, tasks)
         best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
         if quality["plan_badness"] < best:
-            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed} | quality
-            save_weights(folder / "best.pt", network, about)
+            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, **quality}
+            save_weights(folder / "best.pt", network, about | {"from": str(arguments.start or "random weights")})
         return quality
 
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
     if not len(training) or not len(validation):
-        raise DatasetError(f"{data}: needs trajectories on training and on validation maps")
+        raise DatasetError(f"{arguments.data}: needs trajectories on training and on validation maps")
     progress = train(network, training, validation, options, folder, after_epoch)
     save_curves_picture(progress.rows, folder / "curves.png")
     return progress
+
+
+def started_from(path: Path, config: NetworkConfig | PaperConfig) -> dict[str, torch.Tensor]:
+    """The weights in a file.
+
+    Raises:
+        ValueError: they are of a network of other sizes, or none.
+    """
+    network, _ = load_weights(path)
+    if network.config != config:
+        raise ValueError(f"--from: {path}: weights of a network of other sizes: {network.config}")
+    return network.state_dict()
 
 
 if __name__ == "__main__":

@@ -14,9 +14,11 @@ from drake_gnnocp.dataset.generate import check_settings
 from drake_gnnocp.dataset.records import save_records
 from drake_gnnocp.learning.augment import with_strangers
 from drake_gnnocp.learning.checkpoint import Network, load_weights
+from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.overrides import override
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.learning.samples import Samples
-from drake_gnnocp.learning.training import PAPER_TRAINING, Progress, learning_rate, train
+from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
 from drake_gnnocp.train import main
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
@@ -102,3 +104,33 @@ def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, capsys: pyt
         code = int(error.code or 0)
     assert code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_settings_change_sizes_losses_and_options() -> None:
+    settings = {"hypotheses": "1", "kinematics": "0", "strangers": "0", "unknown": "1"}
+    assert override(NetworkConfig(), settings).hypotheses == 1
+    options = override(DEFAULT_TRAINING, settings)
+    assert options.losses.kinematics == 0.0 and not options.strangers
+    assert settings == {"unknown": "1"}
+
+
+@pytest.mark.parametrize("setting", ["points", "points=many", "wings=2"])
+def test_a_setting_that_is_none_is_refused(setting: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    try:
+        code = main(["--set", setting, "--out", str(tmp_path)])
+    except SystemExit as exit:
+        code = int(str(exit.code))
+    error = capsys.readouterr().err
+    assert code == 2 and "--set" in error and error.count("\n") == 1
+
+
+def test_trainings_are_compared_by_their_last_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["--compare", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("--compare: ")
+    columns = "epoch,validation_position,plan_verified,plan_first,plan_iterations,plan_badness"
+    for name, share in (("base", 0.9), ("other", 0.8)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "curves.csv").write_text(f"{columns}\n1,2,0.5,0.5,9,40\n2,1.5,{share},0.7,3,20\n3,1,,,,\n")
+    assert main(["--compare", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2:] == ["| base | 2 | 1.5 | 90% | 70% | 3 | 20 |", "| other | 2 | 1.5 | 80% | 70% | 3 | 20 |"]

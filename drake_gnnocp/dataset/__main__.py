@@ -14,6 +14,8 @@ from pathlib import Path
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
 from drake_gnnocp.dataset.datasheet import write_datasheet
 from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
+from drake_gnnocp.dataset.improve import ImproveOptions, improving
+from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.single_thread import single_threaded_children
 from drake_gnnocp.tasks.place import KINDS
 
@@ -48,6 +50,9 @@ def _parser() -> argparse.ArgumentParser:
         help="processes (default: %(default)s, the cores)",
     )
     add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
+    improve = "solve the tasks of the dataset in DIR again, from a network's hypotheses, and keep the cheaper plans"
+    add("--improve", type=Path, metavar="DIR", help=improve)
+    add("--weights", type=Path, metavar="FILE", help="weights for --improve (default: those of the package)")
     out = Path("artifacts") / "dataset"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
     return parser
@@ -69,11 +74,16 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
     settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
+    improve: Path | None = arguments.improve
+    if improve and improve.resolve() == arguments.out.resolve():
+        print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
+        return BAD_INPUT
     try:
+        make = improving(improve, ImproveOptions(arguments.weights)) if improve else None
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
-            generate(settings, tuple(arguments.kinds), arguments.out, executor)
+            generate(settings, tuple(arguments.kinds), arguments.out, executor, make)
         write_datasheet(load_dataset(arguments.out), arguments.out)
-    except DatasetError as error:
+    except (DatasetError, GuessUnavailable) as error:
         print(error, file=sys.stderr)
         return BAD_INPUT
     except OSError as error:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from drake_gnnocp.dataset.label import OUTCOMES, LabelOptions
+from drake_gnnocp.dataset.label import LEARNED, OUTCOMES, LabelOptions
 from drake_gnnocp.dataset.records import SPLITS, MapRecord
 from drake_gnnocp.pictures import style
 from drake_gnnocp.tasks.place import KINDS
@@ -91,6 +91,7 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
         f"{options.search_seconds:g} s for the search and {options.solve_seconds:g} s for the",
         f"solver, so which tasks fail depends a little on the machine ({platform.machine()}).",
         "",
+        *_improvement(records),
         "## What is in it",
         "",
         f"{len(records)} maps, {attempted} tasks, **{len(numbers.costs)} verified trajectories**, {size / 1e6:.1f} MB.",
@@ -116,6 +117,19 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _improvement(records: Sequence[MapRecord]) -> list[str]:
+    learned = [record for record in records if any(label.source == LEARNED for label in record.labels)]
+    if not learned:
+        return []
+    n = sum(label.source == LEARNED for record in learned for label in record.labels)
+    return [
+        f"Then `--improve` solved tasks again from a network's hypotheses: {n} labels on {len(learned)} maps, numbers",
+        f"{learned[0].index} to {learned[-1].index}, are of cheaper plans of the same duration, or of tasks that",
+        "Hybrid A* had not solved.",
+        "",
+    ]
 
 
 def _row(name: str, records: list[MapRecord]) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Callable
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -37,7 +38,16 @@ class DatasetSettings:
     pairs: int = 15  # of start and goal, on each map
 
 
-def generate(settings: DatasetSettings, kinds: tuple[str, ...], folder: Path, executor: Executor) -> None:
+MakeMap = Callable[[DatasetSettings, int], MapRecord]
+
+
+def generate(
+    settings: DatasetSettings,
+    kinds: tuple[str, ...],
+    folder: Path,
+    executor: Executor,
+    make: MakeMap | None = None,
+) -> None:
     """Make the maps that are not in the folder yet.
 
     Args:
@@ -45,6 +55,7 @@ def generate(settings: DatasetSettings, kinds: tuple[str, ...], folder: Path, ex
         kinds: of the maps to make now.
         folder: of the dataset; made where it is missing.
         executor: any with the interface of `concurrent.futures`; maps are its jobs.
+        make: makes a map from the settings and its index, in the executor's workers; `make_map` where None.
 
     Raises:
         DatasetError: the folder holds a dataset with other settings.
@@ -54,7 +65,7 @@ def generate(settings: DatasetSettings, kinds: tuple[str, ...], folder: Path, ex
         (folder / name).mkdir(parents=True, exist_ok=True)
     check_settings(folder, settings)
     missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
-    jobs: set[Future[MapRecord]] = {executor.submit(make_map, settings, index) for index in missing}
+    jobs: set[Future[MapRecord]] = {executor.submit(make or make_map, settings, index) for index in missing}
     try:
         for job in tqdm(as_completed(jobs), total=len(jobs), unit="map", smoothing=0.05):
             _store(job, folder, settings)
@@ -89,6 +100,19 @@ def load_dataset(folder: Path) -> list[MapRecord]:
     if not records:
         raise DatasetError(f"{folder}: no dataset here; make one with python -m drake_gnnocp.dataset --out {folder}")
     return [records[index] for index in sorted(records)]
+
+
+def load_map(folder: Path, settings: DatasetSettings, index: int) -> MapRecord:
+    """One map of a dataset.
+
+    Raises:
+        DatasetError: it is not there, or its file cannot be read.
+    """
+    part, shard = _part(folder, index), _shard(folder, index // MAPS_PER_SHARD)
+    record = _read([part, shard]).get(index)
+    if record is None:
+        raise DatasetError(f"{folder}: map {index} of {settings.maps} is not there; finish this dataset first")
+    return record
 
 
 def _read(files: list[Path]) -> dict[int, MapRecord]:
@@ -133,10 +157,14 @@ def _part(folder: Path, index: int) -> Path:
     return folder / "parts" / f"map_{index:05d}.npz"
 
 
+def _shard(folder: Path, number: int) -> Path:
+    return folder / "shards" / f"shard_{number:03d}.npz"
+
+
 def _merge(folder: Path, settings: DatasetSettings, shard: int) -> None:
     """Make a shard of its parts, where all are there."""
     parts = [_part(folder, index) for index in _maps_of(settings, shard)]
     if all(part.exists() for part in parts):
-        save_records(folder / "shards" / f"shard_{shard:03d}.npz", [load_records(part)[0] for part in parts])
+        save_records(_shard(folder, shard), [load_records(part)[0] for part in parts])
         for part in parts:
             part.unlink()

@@ -14,6 +14,7 @@ from drake_gnnocp.trajectory import Trajectory
 
 KEPT, NO_PATH, UNVERIFIED, TOO_LONG = "kept", "no path", "unverified", "too long"
 OUTCOMES = (KEPT, NO_PATH, UNVERIFIED, TOO_LONG)
+SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Label:
     cost: float = float("nan")  # J
     iterations: int = 0  # of the first solve
     rounds: int = 0
+    source: str = SEARCHED  # of the guess, SEARCHED or LEARNED
 
 
 def label(scenario: Scenario, options: LabelOptions) -> Label:

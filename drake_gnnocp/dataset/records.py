@@ -4,7 +4,7 @@ Maps are stored in `.npz` files, one or many a file, as arrays without pickled o
 
     map_*       one row a map: index, kind, area, vehicle, number of rings, slots and tasks
     ring_size, vertices, slots                     rings and slots of all maps one after the other
-    task_*      one row a task: start, goal, outcome, cost, iterations, rounds
+    task_*      one row a task: start, goal, outcome, cost, iterations, rounds, source
     duration, knots                                one row a task whose outcome is "kept", float32
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_gnnocp.dataset.label import KEPT, Label
+from drake_gnnocp.dataset.label import KEPT, SEARCHED, Label
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.tasks.place import Place
 from drake_gnnocp.trajectory import Trajectory, write_atomically
@@ -56,6 +56,7 @@ def load_records(path: Path) -> list[MapRecord]:
     """Read what `save_records` wrote."""
     with np.load(path, allow_pickle=False) as file:
         arrays = dict(file)
+    arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept
     rings = iter(np.split(arrays["vertices"], np.cumsum(arrays["ring_size"])[:-1]))
     slots, tasks, samples = (
         iter(arrays["slots"]),
@@ -91,7 +92,7 @@ def _label(arrays: dict[str, np.ndarray], task: int, samples: object) -> Label:
         duration, knots = next(samples)  # type: ignore[call-overload]
         knots = knots.astype(float)
         trajectory = Trajectory(np.linspace(0.0, float(duration), len(knots)), knots[:, :5], knots[:, 5:])
-    return Label(outcome, trajectory, cost, iterations, rounds)
+    return Label(outcome, trajectory, cost, iterations, rounds, str(arrays["task_source"][task]))
 
 
 def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
@@ -119,6 +120,7 @@ def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
         "task_cost": np.array([each.cost for each in labels], dtype=float),
         "task_iterations": np.array([each.iterations for each in labels], dtype=int),
         "task_rounds": np.array([each.rounds for each in labels], dtype=int),
+        "task_source": np.array([each.source for each in labels], dtype=str),
         "duration": np.array([each.duration for each in kept], dtype=float),
         "knots": np.array(knots, dtype=np.float32).reshape(len(kept), -1, 7) if kept else np.zeros((0, 2, 7)),
     }

@@ -25,11 +25,11 @@ def network_figure(plans: Plans) -> Figure:
 
 def draw_default_network(ax: Axes) -> Axes:
     """The network of the `default` configuration, from below to above."""
-    from drake_gnnocp.learning.checkpoint import new_network
+    from drake_gnnocp.learning.checkpoint import config_of, new_network
     from drake_gnnocp.learning.network import DILATIONS, NEIGHBOURS, NetworkConfig
 
     c = NetworkConfig()
-    weights = sum(each.numel() for each in new_network("default").parameters())
+    weights = sum(each.numel() for each in new_network(config_of("default")).parameters())
     draw_frame(ax, 0.02, 0.02, OURS, HEIGHT - 0.04, f"default network: {weights / 1e6:.2f} million weights")
     vectors = Box(0.12, 0.12, 1.95, 0.5, "Obstacle vectors", ("seen from start and from goal",))
     task = Box(2.3, 0.12, 1.4, 0.5, "Goal and vehicle", ("in the start's frame",))
@@ -60,12 +60,12 @@ def draw_default_network(ax: Axes) -> Axes:
 
 def draw_paper_network(ax: Axes, x: float) -> Axes:
     """The network of the `paper` configuration, from below to above, with its left side at x [inch]."""
-    from drake_gnnocp.learning.checkpoint import new_network
+    from drake_gnnocp.learning.checkpoint import config_of, new_network
     from drake_gnnocp.learning.paper_network import PaperConfig
     from drake_gnnocp.vehicle import State
 
     c = PaperConfig()
-    weights = sum(each.numel() for each in new_network("paper").parameters())
+    weights = sum(each.numel() for each in new_network(config_of("paper")).parameters())
     draw_frame(ax, x, 0.02, PAPERS - 0.02, HEIGHT - 0.04, f"paper's: {weights / 1e6:.2f} million weights")
     left, width = x + 0.12, PAPERS - 0.26
     rows = (

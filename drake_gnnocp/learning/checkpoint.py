@@ -21,9 +21,14 @@ class WeightsError(ValueError):
     """A file does not hold weights of this package's networks; the message names it."""
 
 
-def new_network(kind: str) -> Network:
-    """An untrained network of one of CONFIGS."""
-    return TrajectoryNetwork(NetworkConfig()) if kind == "default" else PaperNetwork(PaperConfig())
+def config_of(kind: str) -> NetworkConfig | PaperConfig:
+    """The sizes of one of CONFIGS."""
+    return NetworkConfig() if kind == "default" else PaperConfig()
+
+
+def new_network(config: NetworkConfig | PaperConfig) -> Network:
+    """An untrained network."""
+    return TrajectoryNetwork(config) if isinstance(config, NetworkConfig) else PaperNetwork(config)
 
 
 def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:

@@ -178,10 +178,20 @@ class Refiner(nn.Module):
         features = point_features(states, duration, scene)
         x = self.enter(torch.cat([features, around], dim=-1)) + self.latent(latent)[:, None]  # (B, T, C)
         for block, norm in zip(self.blocks, self.norms, strict=True):
-            x = x + torch.relu(block(norm(x).transpose(1, 2)).transpose(1, 2))
+            x = x + torch.relu(convolved(norm(x), block))
         raw = self.leave(x)[:, None]  # (B, 1, T, 5)
         better = composed(raw, states[:, None], scene)[:, 0]
         return better, duration * torch.exp(self.last(x.mean(dim=1))[:, 0].clamp(-1.0, 1.0))
+
+
+def convolved(x: Tensor, convolution: nn.Module) -> Tensor:
+    """A `Conv1d` of three taps along the points of x (B, T, C), as a matrix product: on a CPU that is faster."""
+    assert isinstance(convolution, nn.Conv1d)
+    d, t = convolution.dilation[0], x.shape[1]
+    padded = nn.functional.pad(x, (0, 0, d, d))
+    taps = torch.cat([padded[:, i * d : i * d + t] for i in range(3)], dim=-1)  # (B, T, 3 C)
+    weight = convolution.weight.transpose(1, 2).flatten(1)  # (C, C, 3) to (C, 3 C)
+    return nn.functional.linear(taps, weight, convolution.bias)
 
 
 POINT_FEATURES = 28

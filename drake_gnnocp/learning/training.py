@@ -7,7 +7,7 @@ import io
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
@@ -36,6 +36,7 @@ class TrainingOptions:
     weight_decay: float = 0.0
     largest_gradient: float = math.inf  # norm, longer gradients are shortened
     strangers: bool = False  # whether obstacles of other scenes are added, see `augment`
+    losses: LossWeights = field(default_factory=LossWeights)  # of the `default` network
     seed: int = 0
 
 
@@ -86,7 +87,7 @@ def train(
             for group in optimiser.param_groups:
                 group["lr"] = rate
             batch = training.random_batch(rows, generator)
-            parts = loss_of(network, with_strangers(batch, generator) if options.strangers else batch)
+            parts = loss_of(network, with_strangers(batch, generator) if options.strangers else batch, options.losses)
             optimiser.zero_grad()
             parts["loss"].backward()
             torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)
@@ -95,7 +96,7 @@ def train(
         progress.epoch += 1
         row = {"epoch": float(progress.epoch)}
         row |= {f"train_{name}": total / len(training) for name, total in sums.items()}
-        row |= {f"validation_{name}": value for name, value in evaluate(network, validation, options.batch).items()}
+        row |= {f"validation_{name}": value for name, value in evaluate(network, validation, options).items()}
         row |= after_epoch(network, progress)
         progress.rows.append(row)
         write_curves(folder / "curves.csv", progress.rows)
@@ -106,20 +107,20 @@ def train(
     return progress
 
 
-def loss_of(network: Network, batch: Batch) -> LossParts:
-    """What is to be minimised, by the network's own rule."""
+def loss_of(network: Network, batch: Batch, weights: LossWeights) -> LossParts:
+    """What is to be minimised, by the network's own rule; the weights are the `default` network's."""
     if isinstance(network, TrajectoryNetwork):
-        return network_loss(network, batch.scene, batch.states, batch.duration, LossWeights())
+        return network_loss(network, batch.scene, batch.states, batch.duration, weights)
     return network.loss(batch.scene, batch.states, batch.duration)
 
 
 @torch.inference_mode()
-def evaluate(network: Network, samples: Samples, batch: int) -> dict[str, float]:
+def evaluate(network: Network, samples: Samples, options: TrainingOptions) -> dict[str, float]:
     """Mean of the loss and its parts over samples as they are."""
     network.eval()
     sums: dict[str, float] = {}
-    for rows in torch.arange(len(samples), device=samples.duration.device).split(batch):
-        _add(sums, loss_of(network, samples.plain_batch(rows)), len(rows))
+    for rows in torch.arange(len(samples), device=samples.duration.device).split(options.batch):
+        _add(sums, loss_of(network, samples.plain_batch(rows), options.losses), len(rows))
     return {name: total / len(samples) for name, total in sums.items()}
 
 

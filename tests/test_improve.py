@@ -1,0 +1,71 @@
+"""Expert iteration: the network's cheaper plans become labels, and nothing else does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_gnnocp.dataset import improve as module
+from drake_gnnocp.dataset.__main__ import main
+from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, load_map
+from drake_gnnocp.dataset.improve import ImproveOptions, improved_label
+from drake_gnnocp.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
+from drake_gnnocp.plan.guess import GuessOptions, straight_guess
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.verification import verify
+
+BLOCK = np.array([[4.0, 3.0], [8.0, 3.0], [8.0, 5.0], [4.0, 5.0]])
+TASK = Scenario("beside a block", np.array([5.0, 5.0, 0.0]), np.array([19.0, 6.0, 0.0]), (BLOCK + 5.0,))
+
+
+@pytest.fixture(autouse=True)
+def straight_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network that knows straight lines only."""
+
+    def guesses(scenario: Scenario, options: GuessOptions) -> Iterator[Trajectory]:
+        trajectory = straight_guess(scenario, options).trajectory
+        assert trajectory is not None
+        yield trajectory
+
+    monkeypatch.setattr(module, "gnn_guesses", guesses)
+
+
+def solved() -> Label:
+    found = improved_label(TASK, Label(NO_PATH), ImproveOptions())
+    assert found.outcome == KEPT
+    return found
+
+
+def test_a_task_without_a_label_gets_one_that_is_verified() -> None:
+    found = solved()
+    assert found.source == LEARNED and found.trajectory is not None
+    assert verify(TASK, found.trajectory).verified
+
+
+def test_a_cheaper_plan_of_the_same_duration_replaces_the_label() -> None:
+    label = replace(solved(), source=SEARCHED)
+    assert label.trajectory is not None
+    found = improved_label(TASK, replace(label, cost=1.5 * label.cost), ImproveOptions())
+    assert found.source == LEARNED and found.trajectory is not None
+    assert found.trajectory.duration == pytest.approx(label.trajectory.duration)
+    assert found.cost < 1.01 * label.cost
+
+
+def test_a_label_that_is_as_cheap_stays() -> None:
+    label = replace(solved(), source=SEARCHED)
+    assert improved_label(TASK, label, ImproveOptions()) is label
+
+
+def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="map 3 of 800 is not there"):
+        load_map(tmp_path, DatasetSettings(), 3)
+
+
+def test_a_dataset_is_not_improved_in_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--improve", str(tmp_path), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("--improve: ")
