@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from nbformat import NotebookNode
 
 DONE, FAILED = 0, 3  # exit codes, beside BAD_INPUT
+START_SECONDS = 300  # s, for a kernel to answer: on a busy machine it takes a minute
 STAMP = "executed"  # key of a notebook's metadata: the `fingerprint` of the code that its outputs are of
 CLONE = Path(__file__).resolve().parents[1]  # or site-packages, where the package is installed without its notebooks
 
@@ -73,12 +74,12 @@ def execute(path: Path, max_seconds: float) -> NotebookNode:
     from nbclient.exceptions import CellControlSignal
 
     notebook = read(path)
-    native = KernelSpecManager(kernel_dirs=[])
-    kernel = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=native, transport="ipc")
+    kernel = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=KernelSpecManager(kernel_dirs=[]))
     client = NotebookClient(
         notebook,
         km=kernel,
         timeout=max_seconds,
+        startup_timeout=START_SECONDS,
         coalesce_streams=True,
         record_timing=False,  # the same outputs are the same file
         resources={"metadata": {"path": str(path.parent)}},
@@ -87,7 +88,7 @@ def execute(path: Path, max_seconds: float) -> NotebookNode:
     no_bars = {"TQDM_DISABLE": "1"}  # of progress: they are for who looks on
     try:
         client.execute(env=os.environ | {"PYTHONPATH": imports} | no_bars)
-    except CellControlSignal as error:
+    except (CellControlSignal, RuntimeError) as error:  # the latter: no answer from the kernel
         raise NotebookError(f"{path}: {error}") from None
     notebook.metadata["language_info"] = {"name": "python"}  # not the version, which differs between machines
     notebook.metadata[STAMP] = fingerprint(notebook)

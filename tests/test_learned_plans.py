@@ -12,11 +12,12 @@ import pytest
 from drake_gnnocp import Scenario, Trajectory, plan
 from drake_gnnocp.learning.predict import interpolated
 from drake_gnnocp.learning.spline import spline_matrices
+from drake_gnnocp.ocp.convex_step import ConvexSteps
 from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.plan import guess as guess_module
 from drake_gnnocp.plan import strategies as strategies_module
 from drake_gnnocp.plan.guess import GuessOptions, GuessUnavailable, check_available, gnn_guesses, straight_guess
-from drake_gnnocp.plan.learned import settled_hypotheses
+from drake_gnnocp.plan.learned import Candidate, settled_hypotheses
 from drake_gnnocp.plan.strategies import PlanOptions
 
 ROUNDING = 1e-9  # of double precision, a few operations on numbers up to 100
@@ -129,3 +130,13 @@ def test_predicted_points_are_seen_from_the_start() -> None:
     ahead = (x - 3.0) * math.cos(0.5) + (y + 2.0) * math.sin(0.5)
     assert (x, y) == pytest.approx((3.0 + ahead * math.cos(0.5), -2.0 + ahead * math.sin(0.5)))
     assert theta == pytest.approx(0.5) and 2.0 < ahead < 3.0
+
+
+def test_a_learned_guess_that_no_car_can_drive_in_its_time_is_no_reason_to_give_up(
+    scenario: Scenario, bad: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidate = Candidate(bad, ConvexSteps(bad, 1, True, 0.0, 0.0), 0.0)
+    monkeypatch.setattr(strategies_module, "settled_hypotheses", lambda *_: iter([candidate]))
+    result = plan(scenario)
+    assert result.verified and result.guess_source == "hybrid_astar"
+    assert result.attempts[0].guess == "gnn" and "v_max" in result.attempts[0].reason

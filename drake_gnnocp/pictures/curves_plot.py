@@ -45,10 +45,12 @@ def draw_curves(ax: Axes, rows: Rows, curves: Sequence[tuple[str, str, str, str]
 
 
 def curves_figure(rows: Rows) -> Figure:
-    """The curves of a training as a figure of its own, for a notebook or a file."""
-    figure = style.new_figure(*FIGURE_SIZE)
-    axes = list(figure.subplots(len(PANELS), 1, sharex=True, gridspec_kw={"hspace": 0.12}))
-    for ax, (label, curves) in zip(axes, PANELS, strict=True):
+    """The curves of a training as a figure of its own, for a notebook or a file: a panel for what there is."""
+    known = {name for row in rows for name in row}
+    panels = [panel for panel in PANELS if any(column in known for column, *_ in panel[1])]
+    figure = style.new_figure(FIGURE_SIZE[0], FIGURE_SIZE[1] * len(panels) / len(PANELS))
+    axes = list(figure.subplots(len(panels), 1, sharex=True, gridspec_kw={"hspace": 0.12}, squeeze=False)[:, 0])
+    for ax, (label, curves) in zip(axes, panels, strict=True):
         draw_curves(ax, rows, curves)
         ax.set_ylabel(label, fontsize=style.LABEL_SIZE)
         ax.set_ylim(bottom=0.0)

@@ -89,8 +89,10 @@ def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOpti
         tried.append(_try(scenario, strategy, horizon, options, deadline))
         attempt = tried[-1].attempt
         logger.info("%s: %s", attempt.guess, attempt.reason or "verified")
-        refused = tried[-1].start is not None and tried[-1].outcome is None  # and any later one would be
-        if refused or (attempt.verified and horizon != "free"):
+        refused = tried[-1].start is not None and tried[-1].outcome is None
+        # a search finds no shorter path for the next attempt, but it has a longer time than a learned guess's own
+        final = refused and not (strategy.source == "gnn" and horizon == "guess")
+        if final or (attempt.verified and horizon != "free"):
             break
     return tried
 
