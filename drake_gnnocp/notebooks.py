@@ -78,6 +78,7 @@ def execute(path: Path, max_seconds: float) -> NotebookNode:
     client = NotebookClient(
         notebook,
         km=kernel,
+        extra_arguments=["--log-level=ERROR"],  # it warns of every kernel that talks over TCP
         timeout=max_seconds,
         startup_timeout=START_SECONDS,
         coalesce_streams=True,
