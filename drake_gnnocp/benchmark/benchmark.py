@@ -54,7 +54,12 @@ class Benchmark:
         """All runs in the folder, the older ones too."""
         return list(self._runs.values())
 
-    def run(self, tasks: list[Task], jobs: int = 1) -> None:
+    def runs_of(self, tasks: Sequence[Task]) -> list[Run]:
+        """The runs of some tasks that were asked for: not those that earlier calls with other methods left behind."""
+        wanted = [(task, method, n) for task in tasks for method, n in self._wanted()]
+        return [self._runs[key] for task, method, n in wanted if (key := (*task.key, method.name, n)) in self._runs]
+
+    def run(self, tasks: Sequence[Task], jobs: int = 1) -> None:
         """Make the runs of tasks that are not there yet, in `jobs` processes at a time.
 
         Raises:
@@ -70,8 +75,10 @@ class Benchmark:
                 waiting.clear()
 
     def _missing(self, task: Task) -> list[tuple[Method, int]]:
-        wanted = [(method, repeat) for repeat in range(self._repeats) for method in self._methods]
-        return [(method, n) for method, n in wanted if (*task.key, method.name, n) not in self._runs]
+        return [(method, n) for method, n in self._wanted() if (*task.key, method.name, n) not in self._runs]
+
+    def _wanted(self) -> list[tuple[Method, int]]:
+        return [(method, repeat) for repeat in range(self._repeats) for method in self._methods]
 
     def _work(self, waiting: deque[tuple[Task, list[tuple[Method, int]]]], bar: tqdm) -> None:
         with Worker(partial(warm_up, self._methods)) as worker:

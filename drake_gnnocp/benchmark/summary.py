@@ -37,7 +37,7 @@ def summarise(runs: Sequence[Run]) -> str:
     if named:
         parts.append(f"## Scenarios\n\nMedians over the repeats.\n\n{_named_table(named)}")
     if drawn:
-        sets = [("all", drawn), *((kind, list(group)) for kind, group in _grouped(drawn, lambda run: run.kind))]
+        sets = [("all", drawn), *((kind, list(group)) for kind, group in grouped(drawn, lambda run: run.kind))]
         heading = "## Random tasks on test maps\n\nMedian / 95th percentile over all attempted.\n\n"
         parts.append(heading + _set_table(sets))
         if compared := _ratio_table(sets):
@@ -58,7 +58,7 @@ def _named_table(runs: Sequence[Run]) -> str:
     header = ["scenario", "method", "planning s", "paper", "optimisation s", "paper", "total s", "paper"]
     header += ["verified", "fallback", "first solve, iterations", "all iterations", "cost J", "clearance m"]
     rows = []
-    for (scenario, kind, method), group in _grouped(runs, lambda run: (run.scenario, run.kind, run.method)):
+    for (scenario, kind, method), group in grouped(runs, lambda run: (run.scenario, run.kind, run.method)):
         printed = PAPER.get(scenario, {}).get(method) if kind == LIBRARY else None
         paper = [f"{seconds:.3f}" for seconds in printed] if printed else ["-"] * 3
         ours = [_median(group, value, 3) for value in (_guess, _opt, _total)]
@@ -82,7 +82,7 @@ def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
     header += ["guess + build + solve s", "convex steps", "first solve, iterations", "all iterations", "cost J"]
     rows = []
     for name, of_set in sets:
-        for method, group in _grouped(of_set, lambda run: run.method):
+        for method, group in grouped(of_set, lambda run: run.method):
             verified = [run for run in group if run.verified]
             rows.append(
                 [
@@ -125,8 +125,8 @@ def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
 def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
     """The table of disparities: named scenarios one by one, random tasks together."""
     header = ["scenario", "method", "n", *(name for name, _ in DISPARITIES)]
-    groups = [*_grouped(named, lambda run: (run.scenario, run.method))]
-    groups += [(("random tasks", method), group) for method, group in _grouped(drawn, lambda run: run.method)]
+    groups = [*grouped(named, lambda run: (run.scenario, run.method))]
+    groups += [(("random tasks", method), group) for method, group in grouped(drawn, lambda run: run.method)]
     rows = []
     for (name, method), group in groups:
         counted = [run for run in group if run.verified and not run.fallback]
@@ -139,7 +139,7 @@ def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
     return f"## The guesses\n\n{text}\n{table(header, rows)}"
 
 
-def _grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
+def grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
     """Keys with their runs: scenarios as they first appear, the methods of each in the usual order."""
     first: dict[str, int] = {}
     for i, run in enumerate(runs):
