@@ -31,10 +31,10 @@ from drake_gnnocp.tables.report import (
 
 TITLE = "# The methods on {n} tasks of maps that are in no training\n"
 NOTE = """\
-Median / 95th percentile over all attempted tasks, failures included; cost J and clearance are medians over the verified
-plans. *Planning* of the network includes the convex steps of hypotheses that were passed over. The methods ending in
-*direct* give their first guess to Ipopt as it is, without convex steps, and make one attempt: what the guess is worth
-to Ipopt alone.
+Median / 95th percentile, failures included: iterations and convex steps over the tasks with a *solve* (where no
+hypothesis is worth one, there is none), seconds over all; cost J and clearance over the verified plans. *Planning* of
+the network includes the convex steps of hypotheses that were passed over. The methods ending in *direct* give their
+first guess to Ipopt as it is, without convex steps, and make one attempt: what the guess is worth to Ipopt alone.
 """
 RATIO_NOTE = """\
 The method over gnn, task by task: median (5th to 95th percentile). Of all tasks first, then of those that both solved.
@@ -60,14 +60,17 @@ def unseen_report(runs: Sequence[Run], on: str) -> Report:
 
 
 def _row(method: str, group: Sequence[Run], runs: Sequence[Run]) -> CellRow:
-    solved = [run for run in group if run.verified and not run.fallback]
+    own = [run for run in group if run.verified and not run.fallback]
+    solved = [run for run in group if run.rounds]
     row: CellRow = {"method": method, "attempted": len(group), "verified": sum(run.verified for run in group)}
     row["verified_share"] = float(np.mean([run.verified for run in group]))
-    for name, value in (WORK | {f"{name}_s": each for name, each in SECONDS.items()}).items():
-        row[f"{name}_median"] = median(group, value)
-        row[f"{name}_p95"] = percentile([value(run) for run in group], 95)
-    row["cost_median"] = median(solved, cost)
-    row["clearance_m_median"] = median(solved, lambda run: run.clearance_m)
+    row["solved"] = len(solved)
+    for name, value in WORK.items():
+        row |= _spread_cells(name, [value(run) for run in solved])
+    for name, value in SECONDS.items():
+        row |= _spread_cells(f"{name}_s", [value(run) for run in group])
+    row["cost_median"] = median(own, cost)
+    row["clearance_m_median"] = median(own, lambda run: run.clearance_m)
     pairs = ratios(runs, method, GNN)
     both = [(a, b) for a, b in pairs if a.verified and b.verified]
     for kept, chosen in (("all", pairs), ("both", both)):
@@ -75,8 +78,12 @@ def _row(method: str, group: Sequence[Run], runs: Sequence[Run]) -> CellRow:
         for name, value in SECONDS.items():
             row |= _ratio_cells(f"{kept}_{name}", chosen, value)
     row |= _ratio_cells("both_cost", both, cost)
-    row["compared"] = len(solved)
-    return row | {name: median(solved, value) for name, value in DISPARITY.items()}
+    row["compared"] = len(own)
+    return row | {name: median(own, value) for name, value in DISPARITY.items()}
+
+
+def _spread_cells(name: str, values: Sequence[float]) -> CellRow:
+    return {f"{name}_median": percentile(values, 50), f"{name}_p95": percentile(values, 95)}
 
 
 def _ratio_cells(name: str, pairs: Sequence[tuple[Run, Run]], value: Value) -> CellRow:
@@ -85,14 +92,14 @@ def _ratio_cells(name: str, pairs: Sequence[tuple[Run, Run]], value: Value) -> C
 
 
 def _work_table(rows: Sequence[CellRow]) -> str:
-    header = ["method", "attempted", "verified", "convex steps", "first solve, iterations", "all iterations"]
-    header += [*(f"{name} s" for name in SECONDS), "cost J", "clearance m"]
+    header = ["method", "attempted", "verified", "with a solve", "convex steps"]
+    header += ["first solve, iterations", "all iterations", *(f"{name} s" for name in SECONDS), "cost J", "clearance m"]
     lines = []
     for row in rows:
         share = f"{row['verified']} ({100 * float(row['verified_share']):.1f} %)"
         work = [_spread(row, name, 0) for name in WORK] + [_spread(row, f"{name}_s", 2) for name in SECONDS]
         quality = [number(row["cost_median"], 2), number(row["clearance_m_median"], 2)]
-        lines.append([str(row["method"]), str(row["attempted"]), share, *work, *quality])
+        lines.append([str(row["method"]), str(row["attempted"]), share, str(row["solved"]), *work, *quality])
     return table(header, lines)
 
 
