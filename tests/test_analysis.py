@@ -151,6 +151,7 @@ def test_the_command_writes_curves_and_makes_nothing_twice(
         (["hypotheses", "--out", "taken"], "--out: taken"),
         (["hypotheses", "--out", "foreign"], "runs.csv: is not a file of runs"),
         (["points"], "points: nothing to vary"),
+        (["knots", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(

@@ -23,6 +23,7 @@ from drake_gnnocp.benchmark.tasks import TEST_MAPS, Task, drawn_tasks, named_tas
 from drake_gnnocp.dataset.records import split_of
 from drake_gnnocp.ocp.ipopt import IpoptOptions
 from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.plan.guess import bundled_weights
 from drake_gnnocp.row_files import RunsError, read_rows
 
 PAPER_TEX = Path(__file__).parents[2] / "shared" / "paper" / "paper.tex"
@@ -141,6 +142,15 @@ def test_a_direct_method_gives_its_first_guess_to_ipopt_without_convex_steps(met
     assert run.verified and not run.fallback and run.convex_steps == 0 and run.first_iterations > 5
     (usual,) = methods_named([method.removesuffix("_direct")], Settings())
     assert run_method(task, usual, 0, 20.0).convex_steps > 0
+
+
+def test_every_method_has_its_network() -> None:
+    names = ("gnn", "gnn_paper", "gnn_direct", "auto", "hybrid_astar", "hybrid_astar_direct")
+    methods = methods_named(names, Settings(weights=Path("mine.pt")))
+    found = [(method.kind, method.source, method.weights) for method in methods]
+    mine, paper = Path("mine.pt"), bundled_weights("paper")
+    assert found[:3] == [("gnn", "gnn", mine), ("gnn", "gnn", paper), ("gnn", "gnn", mine)]
+    assert found[3:] == [("auto", "gnn", mine), *(("hybrid_astar", "hybrid_astar", None),) * 2]
 
 
 def test_a_direct_method_makes_one_attempt(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from drake_gnnocp.benchmark.summary import PACKAGES
 from drake_gnnocp.benchmark.tasks import drawn_tasks
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, positive, seconds
 from drake_gnnocp.pictures.style import save_figure
-from drake_gnnocp.plan.guess import GuessUnavailable
+from drake_gnnocp.plan.guess import GuessUnavailable, load_network
 from drake_gnnocp.reports import machine
 from drake_gnnocp.row_files import RunsError
 from drake_gnnocp.tables.report import report
@@ -65,6 +65,8 @@ def main(argv: list[str] | None = None) -> int:
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
     folder: Path = arguments.out
     try:
+        if arguments.weights:
+            load_network(arguments.weights)
         every = available(parameters(arguments.training, arguments.weights), arguments.names)
         names = list(dict.fromkeys(arguments.names or NAMES))
         wanted = [every[name] for name in names if name in every]

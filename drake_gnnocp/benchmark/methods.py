@@ -107,5 +107,5 @@ def warm_up(methods: Sequence[Method]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted benchmark finishes the runs under way
     block = np.array([[4.0, 2.0], [8.0, 2.0], [8.0, 4.0], [4.0, 4.0]])
     task = Task(Scenario("warm up", np.zeros(3), np.array([12.0, 0.0, 0.0]), (block,)), "")
-    for method in methods:
+    for method in {(each.kind, each.weights): each for each in methods}.values():  # options load nothing else
         run_method(task, method, 0, WARM_UP_SECONDS)
