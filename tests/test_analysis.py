@@ -126,7 +126,7 @@ def test_the_command_writes_curves_and_makes_nothing_twice(
     monkeypatch.setattr(Worker, "call", here)
     monkeypatch.setattr(command_line, "drawn_tasks", lambda n: [task][:n])
     monkeypatch.setattr(command_line, "FORMATS", ("png",))
-    arguments = ["hypotheses", "--training", str(tmp_path / "none"), "--out", str(tmp_path)]
+    arguments = ["hypotheses", "--training", str(tmp_path / "none"), "--max-seconds", "600", "--out", str(tmp_path)]
     assert main(arguments) == 0
     rows = list(csv.DictReader((tmp_path / "hypotheses.csv").read_text(encoding="utf-8").splitlines()))
     assert [(row["value"], row["tasks"], row["verified"]) for row in rows] == [(n, "1", "1") for n in "1248"]

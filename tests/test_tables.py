@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from test_benchmark import cells, run_of
+from test_benchmark import PATIENT, cells, run_of
 
 from drake_gnnocp import Scenario, Trajectory
 from drake_gnnocp.benchmark.methods import Method, Settings
@@ -99,7 +99,7 @@ def test_raw_guesses_are_measured_whether_or_not_they_lead_to_a_plan(
 ) -> None:
     monkeypatch.setattr(Worker, "call", here)
     methods = [Method("hybrid_astar", "hybrid_astar"), untrained]
-    rows = measure(tmp_path, [task], methods, Settings(10.0))
+    rows = measure(tmp_path, [task], methods, Settings(PATIENT))
     search, network = rows
     assert (search.method, network.method) == ("hybrid_astar", "gnn_paper")
     assert search.optima == network.optima >= 1
@@ -111,9 +111,9 @@ def test_raw_guesses_are_measured_whether_or_not_they_lead_to_a_plan(
         raise AssertionError("a guess that is there was made again")
 
     monkeypatch.setattr(Worker, "call", no_call)
-    assert measure(tmp_path, [task], methods, Settings(10.0)) == rows
+    assert measure(tmp_path, [task], methods, Settings(PATIENT)) == rows
     with pytest.raises(RunsError, match=r"other settings \(methods\)"):  # with fewer of them, fewer optima are known
-        measure(tmp_path, [task], methods[:1], Settings(10.0))
+        measure(tmp_path, [task], methods[:1], Settings(PATIENT))
 
 
 def test_raw_guesses_are_summed_up_by_method_without_those_that_were_not_made() -> None:
@@ -135,7 +135,7 @@ def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(
     monkeypatch.setattr(Worker, "call", here)
     monkeypatch.setattr(command_line, "drawn_tasks", lambda n: [task][:n])
     monkeypatch.setattr(command_line, "methods_named", lambda *_: [usable, missing])
-    arguments = ["test_tasks", "raw_guesses", "--out", str(tmp_path)]
+    arguments = ["test_tasks", "raw_guesses", "--max-seconds", "600", "--out", str(tmp_path)]
     assert main(arguments) == 0
     assert "gnn_paper: left out: guess: 'gnn' needs trained weights" in capsys.readouterr().err
     for name in ("test_tasks", "raw_guesses"):
