@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class _Tried:
 def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float) -> list[_Tried]:
     """Try one strategy after the other until a plan is verified, and no better is looked for, or the time is over."""
     tried: list[_Tried] = []
-    for strategy in strategies(scenario, guess, horizon, options, deadline):
+    for strategy in islice(strategies(scenario, guess, horizon, options, deadline), options.most_attempts):
         verified = any(each.attempt.verified for each in tried)
         if tried and time.monotonic() >= deadline - options.refine.reserve:
             break

@@ -49,6 +49,7 @@ class PlanOptions:
     hypotheses: int = 8  # of the network, the best by its ranking: those whose convex steps settle are solved
     learned_share: float = 0.1  # of the time, for each of them at most
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
+    most_attempts: int | None = None  # strategies that are tried; None: all there are
 
 
 @dataclass(frozen=True)
