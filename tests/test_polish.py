@@ -29,27 +29,27 @@ def standing(duration: float, verified: bool = True) -> Optimised:
 
 
 @pytest.mark.parametrize(
-    ("found", "expected", "solves"),
+    ("found", "expected"),
     [
-        ([(7.0, True), (6.0, True)], 6.0, 2),  # as many solves as there may be
-        ([(7.0, True), (6.0, False)], 7.0, 2),
-        ([(7.99, True), (6.0, True)], 7.99, 1),  # solved out
-        ([(7.0, False)], 8.0, 1),
-        ([(9.0, True)], 8.0, 1),
+        ([(7.0, True), (6.0, True)], 6.0),
+        ([(7.0, True), (6.0, False)], 7.0),
+        ([(7.0, True), (7.002, True)], 7.002),  # the smoother one
+        ([(7.0, False), (7.5, True)], 7.5),
+        ([(9.0, True), (7.0, False)], 8.0),
     ],
 )
-def test_only_a_verified_and_quicker_plan_is_taken(
-    found: list[tuple[float, bool]], expected: float, solves: int, monkeypatch: pytest.MonkeyPatch
+def test_only_a_verified_plan_that_is_as_quick_is_taken(
+    found: list[tuple[float, bool]], expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = iter([standing(duration, verified) for duration, verified in found])
     monkeypatch.setattr(polish, "optimise", lambda *_: next(results))
     plan = polished(STANDING, standing(8.0), RefineOptions(), FAR_DEADLINE, OPTIONS)
     assert plan.verification.verified
     assert plan.trajectory.duration == expected
-    assert len(plan.rounds) == 1 + solves
+    assert len(plan.rounds) == 1 + len(found)
 
 
-def test_the_patient_solver_is_stricter_and_asks_for_no_more_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_patient_solver_hurries_first_and_asks_for_no_more_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[RefineOptions] = []
 
     def solve(_scenario: Scenario, _guess: Trajectory, refine: RefineOptions, _deadline: float) -> Optimised:
@@ -59,10 +59,13 @@ def test_the_patient_solver_is_stricter_and_asks_for_no_more_clearance(monkeypat
     monkeypatch.setattr(polish, "optimise", solve)
     near = replace(RefineOptions().problem, margin=0.01)
     for usual in (RefineOptions(), RefineOptions(problem=near)):
+        asked.clear()
         polished(STANDING, standing(8.0), usual, FAR_DEADLINE, OPTIONS)
-        assert asked[-1].problem.margin == min(OPTIONS.margin, usual.problem.margin)
-        assert asked[-1].problem.weights == usual.problem.weights
-        assert asked[-1].ipopt.objective_change < usual.ipopt.objective_change
+        first, last = asked
+        assert first.problem.margin == last.problem.margin == min(OPTIONS.margin, usual.problem.margin)
+        assert first.problem.weights.time > last.problem.weights.time
+        assert last.problem.weights == usual.problem.weights
+        assert last.ipopt.objective_change < usual.ipopt.objective_change
 
 
 def test_nothing_is_solved_without_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +104,7 @@ def test_a_polished_plan_is_verified_and_quicker_and_its_cost_is_what_it_was_def
 
 @pytest.mark.slow
 @pytest.mark.skipif(not TPCAP.is_dir(), reason="the TPCAP cases are not beside this checkout")
-@pytest.mark.parametrize(("case", "longest"), [("Case1", 12.0), ("Case3", 12.8), ("Case9", 17.4)])
+@pytest.mark.parametrize(("case", "longest"), [("Case1", 12.0), ("Case3", 14.2), ("Case9", 37.7)])
 def test_tpcap_cases_are_driven_quickly(case: str, longest: float) -> None:
     result = plan(Scenario.load(TPCAP / f"{case}.csv"), "hybrid_astar", horizon="free")
     assert result.verified and result.trajectory is not None, [attempt.reason for attempt in result.attempts]

@@ -4,8 +4,9 @@ The solves that lead to a verified plan stop when the cost has settled to a thou
 0.1 m from obstacles where the guess does. Both are right for plans that are to be had soon, and both hold back one that
 is to be quick: limited-memory BFGS creeps along limits, and gains a few per cent more over the next fifty iterations;
 and what bounds a manoeuvre in time is mostly an obstacle in its way. So once there are verified plans, the solver goes
-on from the quickest of them, with a stricter test and with no more clearance than every plan keeps. What that makes of
-a plan is taken only where it is verified and quicker.
+on from the quickest of them, with a stricter test and with no more clearance than every plan keeps: first with a
+heavier weight on time, which leaves the slower of two ways to manoeuvre, then with the usual one, which smooths. What
+that makes of a plan is taken only where it is verified and as quick.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from drake_gnnocp.ocp.refine import Optimised, RefineOptions, optimise
 from drake_gnnocp.scenario import Scenario
 
 QUICKER = 0.995  # of the duration: a plan that saves less is where the free horizon is solved out
+AS_QUICK = 1.001  # of the duration: a later plan may take that much longer, for it is the smoother one
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class PolishOptions:
     candidates: int = 3  # plans, the quickest first
     reach: float = 1.2  # of the quickest plan's duration: slower ones have not overtaken it
     share: float = 0.5  # of the time that is left, for each of them at most
-    solves: int = 2  # of each, the second where the first made it quicker: its rows follow the knots
+    hurry: tuple[float, ...] = (10.0, 1.0)  # of the usual weight on time, in each solve
     margin: float = 0.02  # m, clearance asked of the triangle areas
     objective_change: float = 1e-5  # relative, see `IpoptOptions`
     settled_iterations: int = 5
@@ -46,16 +48,13 @@ def polished(
         deadline: instant of `time.monotonic()` [s].
         options: see `PolishOptions`.
     """
-    refine = _patient(free, options)
-    for _ in range(options.solves):
+    for hurry in options.hurry:
         if time.monotonic() >= deadline - free.reserve:
             break
-        again = optimise(scenario, plan.trajectory, refine, deadline)
-        is_quicker = again.verification.verified and again.trajectory.duration < plan.trajectory.duration
-        solved_out = again.trajectory.duration >= QUICKER * plan.trajectory.duration
-        plan = replace(again if is_quicker else plan, rounds=plan.rounds + again.rounds)
-        if not is_quicker or solved_out:
-            break
+        again = optimise(scenario, plan.trajectory, _patient(free, hurry, options), deadline)
+        is_as_quick = again.trajectory.duration <= AS_QUICK * plan.trajectory.duration
+        kept = again if again.verification.verified and is_as_quick else plan
+        plan = replace(kept, rounds=plan.rounds + again.rounds)
     return plan
 
 
@@ -76,8 +75,9 @@ def worth_polishing(durations: Sequence[float], options: PolishOptions) -> list[
     return [i for i in chosen if durations[i] <= options.reach * durations[chosen[0]]][: options.candidates]
 
 
-def _patient(free: RefineOptions, options: PolishOptions) -> RefineOptions:
-    problem = replace(free.problem, margin=min(options.margin, free.problem.margin))
+def _patient(free: RefineOptions, hurry: float, options: PolishOptions) -> RefineOptions:
+    weights = replace(free.problem.weights, time=hurry * free.problem.weights.time)
+    problem = replace(free.problem, weights=weights, margin=min(options.margin, free.problem.margin))
     ipopt = replace(
         free.ipopt,
         objective_change=options.objective_change,
