@@ -23,6 +23,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def positive(text: str) -> int:
+    """An argument that is a whole number of 1 or more."""
+    if (n := count(text)) == 0:
+        raise argparse.ArgumentTypeError(f"must be a number of 1 or more, not {text!r}")
+    return n
+
+
 def seconds(text: str) -> float:
     """An argument that is a time in (0, 100000] [s]."""
     try:

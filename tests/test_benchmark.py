@@ -9,23 +9,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp import Scenario, Trajectory, plan
 from drake_gnnocp.benchmark import benchmark as benchmark_module
 from drake_gnnocp.benchmark import tasks as tasks_module
 from drake_gnnocp.benchmark.__main__ import main
 from drake_gnnocp.benchmark.benchmark import Benchmark
 from drake_gnnocp.benchmark.disparity import disparity
-from drake_gnnocp.benchmark.methods import Settings
+from drake_gnnocp.benchmark.methods import Settings, methods_named, run_method
 from drake_gnnocp.benchmark.paper_table import PAPER
 from drake_gnnocp.benchmark.runs import Run
 from drake_gnnocp.benchmark.summary import summarise
 from drake_gnnocp.benchmark.tasks import TEST_MAPS, Task, drawn_tasks, named_tasks
 from drake_gnnocp.dataset.records import split_of
+from drake_gnnocp.ocp.ipopt import IpoptOptions
 from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.plan.guess import bundled_weights
 from drake_gnnocp.row_files import RunsError, read_rows
 
 PAPER_TEX = Path(__file__).parents[2] / "shared" / "paper" / "paper.tex"
 ROUNDING = 1e-9  # relative, sums of 120 doubles
+PATIENT = 600.0  # s, a budget that no busy machine exceeds
 METHOD_NAMES = {"Hybrid A*-OCP": "hybrid_astar", "RRT*-OCP": "rrt_star", "GNN-OCP": "gnn"}
 
 
@@ -64,6 +67,10 @@ def cells(summary: str, *first: str) -> list[str]:
     line = re.search(f"^{re.escape(begin)}[|].*$", summary, re.MULTILINE)
     assert line is not None, summary
     return [cell.strip() for cell in line.group().strip("|").split("|")]
+
+
+def benchmark_of(folder: Path, method: str, settings: Settings, repeats: int = 1) -> Benchmark:
+    return Benchmark(folder, methods_named([method], settings), repeats, settings)
 
 
 @pytest.fixture
@@ -107,7 +114,7 @@ def test_a_repeat_adds_runs_and_a_crash_is_a_row(
 
     monkeypatch.setattr(Worker, "call", crash)
     for repeats in (1, 2):
-        benchmark = Benchmark(tmp_path, ["hybrid_astar"], repeats, Settings(7.0))
+        benchmark = benchmark_of(tmp_path, "hybrid_astar", Settings(7.0), repeats)
         benchmark.run(named_tasks(two_files[:1]))
         assert [run.repeat for run in benchmark.runs] == list(range(repeats))
     assert all((run.status, run.verified, run.total_s) == ("crashed", False, 7.0) for run in benchmark.runs)
@@ -117,15 +124,42 @@ def test_a_repeat_adds_runs_and_a_crash_is_a_row(
 def test_a_folder_keeps_its_settings_and_weights_by_their_content(tmp_path: Path) -> None:
     weights = tmp_path / "weights.pt"
     weights.write_bytes(b"1")
-    Benchmark(tmp_path, ["hybrid_astar"], 1, Settings())
-    Benchmark(tmp_path, ["gnn"], 1, Settings(weights=weights))  # another method is no other setting
+    benchmark_of(tmp_path, "hybrid_astar", Settings())
+    benchmark_of(tmp_path, "gnn", Settings(weights=weights))  # another method is no other setting
     with pytest.raises(RunsError, match=r"other settings \(seed\)"):
-        Benchmark(tmp_path, ["rrt_star"], 1, Settings(seed=1))
+        benchmark_of(tmp_path, "rrt_star", Settings(seed=1))
     weights.write_bytes(b"2")
-    Benchmark(tmp_path, ["hybrid_astar"], 1, Settings(weights=weights))
+    benchmark_of(tmp_path, "hybrid_astar", Settings(weights=weights))
     with pytest.raises(RunsError, match=r"other settings \(weights of gnn\)"):
-        Benchmark(tmp_path, ["gnn"], 1, Settings(weights=weights))
+        benchmark_of(tmp_path, "gnn", Settings(weights=weights))
     assert json.loads((tmp_path / "settings.json").read_text())["seed"] == 0
+
+
+@pytest.mark.parametrize("method", ["gnn_direct", "hybrid_astar_direct"])
+def test_a_direct_method_gives_its_first_guess_to_ipopt_without_convex_steps(method: str) -> None:
+    task = named_tasks(["map_b"])[0]
+    (direct,) = methods_named([method], Settings())
+    run = run_method(task, direct, 0, PATIENT)
+    assert run.verified and not run.fallback and run.convex_steps == 0 and run.first_iterations > 5
+    (usual,) = methods_named([method.removesuffix("_direct")], Settings())
+    assert run_method(task, usual, 0, PATIENT).convex_steps > 0
+
+
+def test_every_method_has_its_network() -> None:
+    names = ("gnn", "gnn_paper", "gnn_direct", "auto", "hybrid_astar", "hybrid_astar_direct")
+    methods = methods_named(names, Settings(weights=Path("mine.pt")))
+    found = [(method.kind, method.source, method.weights) for method in methods]
+    mine, paper = Path("mine.pt"), bundled_weights("paper")
+    assert found[:3] == [("gnn", "gnn", mine), ("gnn", "gnn", paper), ("gnn", "gnn", mine)]
+    assert found[3:] == [("auto", "gnn", mine), *(("hybrid_astar", "hybrid_astar", None),) * 2]
+
+
+def test_a_direct_method_makes_one_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
+    hopeless = IpoptOptions(max_iterations=1)
+    (direct,) = methods_named(["hybrid_astar_direct"], Settings())
+    options = replace(direct.options, refine=replace(direct.options.refine, ipopt=hopeless, max_rounds=0))
+    result = plan(named_tasks(["map_b"])[0].scenario, direct.kind, options=options)
+    assert not result.verified and len(result.attempts) == 1
 
 
 # ------------------------------------------------------------------------------------------------------------ the tasks

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 
+from drake_gnnocp.benchmark.disparity import N_COMPARED
 from drake_gnnocp.figures import __main__ as command_line
 from drake_gnnocp.figures import plans as plans_module
 from drake_gnnocp.figures.__main__ import main
@@ -20,7 +21,7 @@ from drake_gnnocp.figures.catalogue import FIGURES
 from drake_gnnocp.figures.comparison import MISSING, UNVERIFIED, disparity_figure
 from drake_gnnocp.figures.errors import distances
 from drake_gnnocp.figures.interpolation import interpolation_figure, turns
-from drake_gnnocp.figures.plans import N_COMPARED, Plans, Skipped, Solved
+from drake_gnnocp.figures.plans import Plans, Skipped, Solved
 from drake_gnnocp.figures.sheet import PAGE
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork

@@ -12,6 +12,7 @@ from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round
 from drake_gnnocp.plan import planner
 from drake_gnnocp.plan.fine import FineOptions, fine_guess, fine_refine
 from drake_gnnocp.plan.guess import Guess, GuessOptions, hybrid_astar_guess
+from drake_gnnocp.plan.polish import PolishOptions
 from drake_gnnocp.plan.strategies import PlanOptions
 from drake_gnnocp.search.path import n_sections
 from drake_gnnocp.search.speed_planner import SpeedOptions
@@ -92,8 +93,9 @@ def test_short_slots_are_verified(extra: float) -> None:
 
 def test_a_free_horizon_keeps_the_quickest_of_several_plans() -> None:
     scenario = Scenario.load("perpendicular_in")
-    one = plan(scenario, "hybrid_astar", horizon="free", options=PlanOptions(other_searches=()))
-    several = plan(scenario, "hybrid_astar", horizon="free")
+    unpolished = PlanOptions(polish=PolishOptions(candidates=0))
+    one = plan(scenario, "hybrid_astar", horizon="free", options=replace(unpolished, other_searches=()))
+    several = plan(scenario, "hybrid_astar", horizon="free", options=unpolished)
     assert one.verified and several.verified and one.trajectory is not None and several.trajectory is not None
     assert len(several.attempts) > len(one.attempts) == 1
     assert several.trajectory.duration <= one.trajectory.duration * (1 + ROUNDING)
@@ -115,6 +117,7 @@ def test_a_quicker_solution_replaces_a_verified_plan_only_where_it_is_verified(
         return Optimised(standing, check, Cost(0.0, 0.0, 0.0), (solve,), "")
 
     monkeypatch.setattr(planner, "optimise", stay)
-    result = plan(scenario, "straight", horizon="free")
+    options = PlanOptions(polish=PolishOptions(candidates=0))
+    result = plan(scenario, "straight", horizon="free", options=options)
     assert result.verified and result.trajectory is not None
     assert result.trajectory.duration == (4.0 if verified else 8.0)

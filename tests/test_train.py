@@ -12,14 +12,16 @@ from test_dataset import SETTINGS, straight_record
 
 from drake_gnnocp.dataset.generate import check_settings
 from drake_gnnocp.dataset.records import save_records
-from drake_gnnocp.learning.augment import with_strangers
+from drake_gnnocp.learning.augment import LEAST_GAP, with_strangers, with_walls
 from drake_gnnocp.learning.checkpoint import Network, load_weights
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.overrides import override
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.learning.samples import Samples
+from drake_gnnocp.learning.surroundings import nearest
 from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
 from drake_gnnocp.train import main
+from drake_gnnocp.vehicle import Vehicle
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
 
@@ -92,6 +94,22 @@ def test_strangers_leave_labels_and_own_obstacles_alone(samples: Samples) -> Non
     assert torch.equal(joined.scene.mask[:, :n], batch.scene.mask)
     assert joined.states is batch.states
     assert joined.scene.mask[:, n:].any()
+
+
+def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
+    batch = samples.plain_batch(torch.arange(len(samples)))
+    walled = [with_walls(batch, torch.Generator().manual_seed(seed)) for seed in range(20)]
+    n = batch.scene.mask.shape[1]
+    joined = [each.scene for each in walled if each is not batch]
+    assert 0 < len(joined) < 20
+    corners = torch.tensor(Vehicle().footprints(batch.states[..., :3].flatten(0, 1).numpy())).float()
+    points = corners.reshape(len(batch.states), -1, 2)
+    for scene in joined:
+        assert torch.equal(scene.edges[:, :n], batch.scene.edges)
+        assert (scene.vehicle == torch.tensor(list(Vehicle().to_dict().values()))).all()
+        towards, side = nearest(points, scene.edges[:, n:], scene.mask[:, n:])
+        assert (side == 1).all()
+        assert torch.linalg.norm(towards, dim=-1).min() > LEAST_GAP - 1e-3
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 
 from drake_gnnocp.benchmark.benchmark import Benchmark
-from drake_gnnocp.benchmark.methods import METHODS, Settings, check_methods
+from drake_gnnocp.benchmark.methods import METHODS, Settings, check_methods, methods_named
 from drake_gnnocp.benchmark.summary import summarise
 from drake_gnnocp.benchmark.tasks import DATASET, TEST_MAPS, drawn_tasks, named_tasks
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, seconds
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, positive, seconds
 from drake_gnnocp.row_files import RunsError
 from drake_gnnocp.trajectory import write_atomically
 
@@ -39,8 +39,8 @@ def _parser() -> argparse.ArgumentParser:
         metavar="METHOD",
         help=f"some of {', '.join(METHODS)} (default: all)",
     )
-    add("--repeat", type=_positive, default=1, metavar="N", help="times that each is run (default: %(default)s)")
-    add("--jobs", type=_positive, default=1, metavar="N", help="processes; more than 1 blur timings (default: 1)")
+    add("--repeat", type=positive, default=1, metavar="N", help="times that each is run (default: %(default)s)")
+    add("--jobs", type=positive, default=1, metavar="N", help="processes; more than 1 blur timings (default: 1)")
     add(
         "--max-seconds",
         type=seconds,
@@ -49,16 +49,10 @@ def _parser() -> argparse.ArgumentParser:
         help="wall-clock budget of one plan in seconds (default: %(default)g)",
     )
     add("--seed", type=count, default=DEFAULTS.seed, metavar="N", help="seed of RRT* (default: %(default)s)")
-    add("--weights", type=Path, metavar="FILE", help="weights of gnn and auto (default: those of the package)")
+    add("--weights", type=Path, metavar="FILE", help="weights of gnn, gnn_direct and auto (default: the package's)")
     out = Path("artifacts") / "benchmark"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
     return parser
-
-
-def _positive(text: str) -> int:
-    if (n := count(text)) == 0:
-        raise argparse.ArgumentTypeError(f"must be a number of 1 or more, not {text!r}")
-    return n
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -66,13 +60,13 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
     folder: Path = arguments.out
-    methods = list(dict.fromkeys(arguments.methods))
     settings = Settings(arguments.max_seconds, arguments.seed, arguments.weights)
+    methods = methods_named(list(dict.fromkeys(arguments.methods)), settings)
     try:
         if not arguments.scenarios and not arguments.tasks:
             raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
         tasks = named_tasks(arguments.scenarios)
-        check_methods(methods, settings)
+        check_methods(methods)
         folder.mkdir(parents=True, exist_ok=True)
         benchmark = Benchmark(folder, methods, arguments.repeat, settings)
         benchmark.run(tasks + drawn_tasks(arguments.tasks), arguments.jobs)

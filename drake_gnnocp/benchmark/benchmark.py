@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import logging
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from threading import Lock
 
 from tqdm import tqdm
 
-from drake_gnnocp.benchmark.methods import Settings, run_method, warm_up
+from drake_gnnocp.benchmark.methods import Method, Settings, run_method, warm_up
 from drake_gnnocp.benchmark.runs import Run, crashed_run
 from drake_gnnocp.benchmark.tasks import Task
 from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
@@ -41,8 +42,8 @@ class Benchmark:
         OSError: the folder, or a file of weights, cannot be read or written.
     """
 
-    def __init__(self, folder: Path, methods: list[str], repeats: int, settings: Settings) -> None:
-        _check_settings(folder / "settings.json", settings.to_dict(methods))
+    def __init__(self, folder: Path, methods: Sequence[Method], repeats: int, settings: Settings) -> None:
+        check_settings(folder / "settings.json", settings.to_dict(methods))
         self._path = folder / "runs.csv"
         self._methods, self._repeats, self._settings = methods, repeats, settings
         self._runs = {run.key: run for run in read_rows(self._path, Run)}
@@ -53,7 +54,12 @@ class Benchmark:
         """All runs in the folder, the older ones too."""
         return list(self._runs.values())
 
-    def run(self, tasks: list[Task], jobs: int = 1) -> None:
+    def runs_of(self, tasks: Sequence[Task]) -> list[Run]:
+        """The runs of some tasks that were asked for: not those that earlier calls with other methods left behind."""
+        wanted = [(task, method, n) for task in tasks for method, n in self._wanted()]
+        return [self._runs[key] for task, method, n in wanted if (key := (*task.key, method.name, n)) in self._runs]
+
+    def run(self, tasks: Sequence[Task], jobs: int = 1) -> None:
         """Make the runs of tasks that are not there yet, in `jobs` processes at a time.
 
         Raises:
@@ -68,12 +74,14 @@ class Benchmark:
             finally:  # where this was interrupted, the others end after the task they are at
                 waiting.clear()
 
-    def _missing(self, task: Task) -> list[tuple[str, int]]:
-        wanted = [(method, repeat) for repeat in range(self._repeats) for method in self._methods]
-        return [each for each in wanted if (*task.key, *each) not in self._runs]
+    def _missing(self, task: Task) -> list[tuple[Method, int]]:
+        return [(method, n) for method, n in self._wanted() if (*task.key, method.name, n) not in self._runs]
 
-    def _work(self, waiting: deque[tuple[Task, list[tuple[str, int]]]], bar: tqdm) -> None:
-        with Worker(partial(warm_up, self._methods, self._settings)) as worker:
+    def _wanted(self) -> list[tuple[Method, int]]:
+        return [(method, repeat) for repeat in range(self._repeats) for method in self._methods]
+
+    def _work(self, waiting: deque[tuple[Task, list[tuple[Method, int]]]], bar: tqdm) -> None:
+        with Worker(partial(warm_up, self._methods)) as worker:
             while waiting:
                 try:
                     task, missing = waiting.popleft()
@@ -86,18 +94,18 @@ class Benchmark:
                         self._runs[run.key] = run
                         bar.update()
 
-    def _in_worker(self, worker: Worker, task: Task, method: str, repeat: int) -> Run:
+    def _in_worker(self, worker: Worker, task: Task, method: Method, repeat: int) -> Run:
         limit = self._settings.max_seconds
         try:
-            run: Run = worker.call(run_method, task, method, repeat, self._settings, timeout=GRACE + 2 * limit)
+            run: Run = worker.call(run_method, task, method, repeat, limit, timeout=GRACE + 2 * limit)
         except WorkerDied as error:
-            key = (*task.key, method, repeat)
+            key = (*task.key, method.name, repeat)
             logger.warning("%s: %s", key, error)
             return crashed_run(key, limit, str(error))
         return run
 
 
-def _check_settings(path: Path, settings: dict[str, object]) -> None:
+def check_settings(path: Path, settings: dict[str, object]) -> None:
     """Add settings to those of a folder.
 
     Raises:

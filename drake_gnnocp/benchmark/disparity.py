@@ -1,6 +1,6 @@
 r"""Measures of a guess. The paper's: how far it is from the optimum that the solver made of it.
 
-Cumulated over the knots k = 1..N, both at the same times:
+Cumulated over k = 1..N, N = 120 equal steps of their durations:
 
     sum_k |p_k - p*_k|,   sum_k |theta_k - theta*_k|,   sum_k |v_k - v*_k|,   sum_k |phi_k - phi*_k|
 """
@@ -18,10 +18,12 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
+N_COMPARED = 120  # the paper's number of optimised points: sums over more of them would be larger
+
 
 @dataclass(frozen=True)
 class Disparity:
-    """Sums over the knots; NaN where there is no optimum."""
+    """Sums over N_COMPARED points; NaN where there is no optimum."""
 
     position: float = math.nan  # m
     theta: float = math.nan  # rad
@@ -30,10 +32,10 @@ class Disparity:
 
 
 def disparity(guess: Trajectory | None, optimum: Trajectory | None) -> Disparity:
-    """The disparity of a guess and an optimum with as many knots."""
+    """The disparity of a guess and an optimum."""
     if guess is None or optimum is None:
         return Disparity()
-    off = guess.states - optimum.states
+    off = guess.resampled(N_COMPARED).states - optimum.resampled(N_COMPARED).states
     theta = (off[:, State.THETA] + math.pi) % (2 * math.pi) - math.pi
     sums = (np.hypot(off[:, State.X], off[:, State.Y]), theta, off[:, State.V], off[:, State.PHI])
     return Disparity(*(float(np.abs(each).sum()) for each in sums))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Callable, Sequence
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -14,12 +11,14 @@ from drake_gnnocp.benchmark.methods import AUTO, GNN, GNN_PAPER, HYBRID_ASTAR, M
 from drake_gnnocp.benchmark.paper_table import PAPER
 from drake_gnnocp.benchmark.runs import Run
 from drake_gnnocp.benchmark.tasks import LIBRARY, NAMED
+from drake_gnnocp.reports import machine, spread, table
 
 NOTES = """\
 One thread a process. *Guess*, *build* and *solve* sum up all attempts of a plan; *total* is the wall time of the whole
 call, with the verifications between the solves. *Verified* is the independent dense check; *fallback* is a plan that
 came from another guess than the one its method asks for first. Failures are in all numbers except costs.
 """
+PACKAGES = ("drake", "torch", "ompl", "numpy")  # whose versions are named
 RATIOS = tuple((method, other) for method in (GNN, AUTO, GNN_PAPER) for other in (HYBRID_ASTAR, RRT_STAR))
 DISPARITIES: tuple[tuple[str, Callable[[Run], float]], ...] = (
     ("position m", lambda run: run.disparity_position),
@@ -33,17 +32,17 @@ DISPARITIES: tuple[tuple[str, Callable[[Run], float]], ...] = (
 
 def summarise(runs: Sequence[Run]) -> str:
     """The summary as Markdown."""
-    parts = ["# Benchmark of the methods\n", NOTES, _machine()]
+    parts = ["# Benchmark of the methods\n", NOTES, machine(*PACKAGES)]
     named, drawn = [r for r in runs if r.kind in NAMED], [r for r in runs if r.kind not in NAMED]
     if named:
         parts.append(f"## Scenarios\n\nMedians over the repeats.\n\n{_named_table(named)}")
     if drawn:
-        sets = [("all", drawn), *((kind, list(group)) for kind, group in _grouped(drawn, lambda run: run.kind))]
+        sets = [("all", drawn), *((kind, list(group)) for kind, group in grouped(drawn, lambda run: run.kind))]
         heading = "## Random tasks on test maps\n\nMedian / 95th percentile over all attempted.\n\n"
         parts.append(heading + _set_table(sets))
-        if table := _ratio_table(sets):
+        if compared := _ratio_table(sets):
             about = "Medians; of all runs first, then of those that are verified with both methods."
-            parts.append(f"### Ratios, run by run\n\n{about}\n\n{table}")
+            parts.append(f"### Ratios, run by run\n\n{about}\n\n{compared}")
     parts.append(_disparities(named, drawn))
     return "\n".join(parts).rstrip() + "\n"
 
@@ -59,7 +58,7 @@ def _named_table(runs: Sequence[Run]) -> str:
     header = ["scenario", "method", "planning s", "paper", "optimisation s", "paper", "total s", "paper"]
     header += ["verified", "fallback", "first solve, iterations", "all iterations", "cost J", "clearance m"]
     rows = []
-    for (scenario, kind, method), group in _grouped(runs, lambda run: (run.scenario, run.kind, run.method)):
+    for (scenario, kind, method), group in grouped(runs, lambda run: (run.scenario, run.kind, run.method)):
         printed = PAPER.get(scenario, {}).get(method) if kind == LIBRARY else None
         paper = [f"{seconds:.3f}" for seconds in printed] if printed else ["-"] * 3
         ours = [_median(group, value, 3) for value in (_guess, _opt, _total)]
@@ -75,7 +74,7 @@ def _named_table(runs: Sequence[Run]) -> str:
                 _median([run for run in group if run.verified], lambda run: run.clearance_m, 2),
             ]
         )
-    return _table(header, rows)
+    return table(header, rows)
 
 
 def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
@@ -83,7 +82,7 @@ def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
     header += ["guess + build + solve s", "convex steps", "first solve, iterations", "all iterations", "cost J"]
     rows = []
     for name, of_set in sets:
-        for method, group in _grouped(of_set, lambda run: run.method):
+        for method, group in grouped(of_set, lambda run: run.method):
             verified = [run for run in group if run.verified]
             rows.append(
                 [
@@ -97,7 +96,7 @@ def _set_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
                     _median(verified, lambda run: run.cost, 2),
                 ]
             )
-    return _table(header, rows)
+    return table(header, rows)
 
 
 def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
@@ -120,14 +119,14 @@ def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
                 _median_ratio(both, lambda run: run.cost),
             ]
             rows.append([name, f"{method} / {other}", str(len(pairs)), *numbers])
-    return _table(header, rows) if rows else ""
+    return table(header, rows) if rows else ""
 
 
 def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
     """The table of disparities: named scenarios one by one, random tasks together."""
     header = ["scenario", "method", "n", *(name for name, _ in DISPARITIES)]
-    groups = [*_grouped(named, lambda run: (run.scenario, run.method))]
-    groups += [(("random tasks", method), group) for method, group in _grouped(drawn, lambda run: run.method)]
+    groups = [*grouped(named, lambda run: (run.scenario, run.method))]
+    groups += [(("random tasks", method), group) for method, group in grouped(drawn, lambda run: run.method)]
     rows = []
     for (name, method), group in groups:
         counted = [run for run in group if run.verified and not run.fallback]
@@ -137,10 +136,10 @@ def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
         "knots at which it touches an obstacle; its mean error of the kinematic model from knot to knot. Medians over\n"
     )
     text += "the n verified plans without fallback.\n"
-    return f"## The guesses\n\n{text}\n{_table(header, rows)}"
+    return f"## The guesses\n\n{text}\n{table(header, rows)}"
 
 
-def _grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
+def grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
     """Keys with their runs: scenarios as they first appear, the methods of each in the usual order."""
     first: dict[str, int] = {}
     for i, run in enumerate(runs):
@@ -180,20 +179,4 @@ def _median_ratio(pairs: Sequence[tuple[Run, Run]], value: Callable[[Run], float
 
 
 def _spread(runs: Sequence[Run], value: Callable[[Run], float], digits: int) -> str:
-    median, tail = np.percentile([value(run) for run in runs], [50, 95])
-    return f"{median:.{digits}f} / {tail:.{digits}f}"
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
-
-
-def _machine() -> str:
-    versions = []
-    for package in ("drake", "torch", "ompl", "numpy"):
-        try:
-            versions.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            continue
-    return f"Python {platform.python_version()}, {', '.join(versions)}; {platform.machine()}, {os.cpu_count()} cores.\n"
+    return spread([value(run) for run in runs], digits)

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_gnnocp.benchmark.disparity import disparity
+from drake_gnnocp.benchmark.disparity import N_COMPARED, disparity
 from drake_gnnocp.figures.maps import EXAMPLE, MAPS
-from drake_gnnocp.figures.plans import N_COMPARED, SOURCES, Plans, Skipped, Solved
+from drake_gnnocp.figures.plans import SOURCES, Plans, Skipped, Solved
 from drake_gnnocp.figures.sheet import (
     GUESS_LINE,
     PAGE,
@@ -132,7 +132,7 @@ def draw_bars(ax: Axes, solved: dict[tuple[str, str], Solved | None], which: str
         look: dict[str, Any] = {"color": color, "hatch": hatch, "edgecolor": "white", "label": SOURCES[source]}
         x = np.arange(len(maps)) + (i - (len(sources) - 1) / 2) * width
         plans = [solved[source, name] for name in maps]
-        heights = [0.0 if each is None else getattr(disparity(*each.compared), which) for each in plans]
+        heights = [0.0 if each is None else getattr(disparity(each.guess, each.optimum), which) for each in plans]
         ax.bar(x, heights, width, **look)
         for at, height, each in zip(x, heights, plans, strict=True):
             text = MISSING if each is None else f"{height:.0f}" + ("" if each.verified else UNVERIFIED)

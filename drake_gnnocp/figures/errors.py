@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drake_gnnocp.benchmark.disparity import N_COMPARED
 from drake_gnnocp.figures.maps import EXAMPLE
-from drake_gnnocp.figures.plans import N_COMPARED, Plans, Skipped, Solved
+from drake_gnnocp.figures.plans import Plans, Skipped, Solved
 from drake_gnnocp.figures.sheet import GUESS_LINE, PAGE, PLAN_LINE, curves, draw_path, new_sheet, share_legend
 from drake_gnnocp.pictures import style
 from drake_gnnocp.scenario import bundled_scenarios

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from drake_gnnocp.benchmark.disparity import N_COMPARED
 from drake_gnnocp.plan import Plan, PlanOptions, plan
 from drake_gnnocp.plan.guess import GuessOptions, GuessUnavailable, check_available, load_network
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
-N_COMPARED = 120  # the paper's number of optimised points: sums over more of them would be larger
 SOURCES = {"hybrid_astar": "Hybrid A*", "rrt_star": "RRT*", "gnn": "GNN"}  # of guesses, with their names in print
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from drake_gnnocp.learning.augment import with_strangers
+from drake_gnnocp.learning.augment import with_strangers, with_walls
 from drake_gnnocp.learning.checkpoint import Network, save_atomically
 from drake_gnnocp.learning.losses import LossParts, LossWeights, network_loss
 from drake_gnnocp.learning.network import TrajectoryNetwork
@@ -36,13 +36,14 @@ class TrainingOptions:
     weight_decay: float = 0.0
     largest_gradient: float = math.inf  # norm, longer gradients are shortened
     strangers: bool = False  # whether obstacles of other scenes are added, see `augment`
+    walls: bool = False  # whether some batches get bounds, see `augment`
     losses: LossWeights = field(default_factory=LossWeights)  # of the `default` network
     seed: int = 0
 
 
 PAPER_TRAINING = TrainingOptions()
 DEFAULT_TRAINING = TrainingOptions(
-    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0, strangers=True
+    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0, strangers=True, walls=True
 )
 
 
@@ -87,7 +88,8 @@ def train(
             for group in optimiser.param_groups:
                 group["lr"] = rate
             batch = training.random_batch(rows, generator)
-            parts = loss_of(network, with_strangers(batch, generator) if options.strangers else batch, options.losses)
+            batch = with_strangers(batch, generator) if options.strangers else batch
+            parts = loss_of(network, with_walls(batch, generator) if options.walls else batch, options.losses)
             optimiser.zero_grad()
             parts["loss"].backward()
             torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)

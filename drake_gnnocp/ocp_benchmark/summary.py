@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib import metadata
 
 import numpy as np
 
@@ -16,7 +13,9 @@ from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD
 from drake_gnnocp.ocp_benchmark.guesses import BAD_GUESSES, HYBRID_ASTAR
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS
 from drake_gnnocp.ocp_benchmark.runs import Run
+from drake_gnnocp.reports import machine, spread, table
 
+PACKAGES = ("drake", "casadi", "numpy")  # whose versions are named
 OURS, FINISH = IpoptOptions(), RefineOptions().finish
 PEER = "casadi (faster of mx, sx)"
 NOTES = f"""\
@@ -38,7 +37,7 @@ independent dense check for all methods.
 
 def summarise(runs: Sequence[Run]) -> str:
     """The summary as Markdown."""
-    parts = ["# Benchmark of the optimal control problem\n", f"{NOTES}\n{_machine()}\n"]
+    parts = ["# Benchmark of the optimal control problem\n", f"{NOTES}\n{machine(*PACKAGES)}\n"]
     for group in dict.fromkeys(run.group for run in runs):
         of_group = [run for run in runs if run.group == group]
         parts.append(f"## Tasks: {group}\n\n{_of_group(of_group)}")
@@ -95,7 +94,7 @@ def _method_table(runs: Sequence[Run]) -> str:
         of_method = [run for run in runs if run.method == method]
         if of_method:
             rows.append([method, *_counts(of_method), *_iterations(of_method), *_costs(of_method)])
-    return _table(header, rows)
+    return table(header, rows)
 
 
 def _counts(runs: Sequence[Run]) -> list[str]:
@@ -137,7 +136,7 @@ def _ratio_table(pairs: Sequence[tuple[Run, Run]]) -> str:
         # costs compare where both plans are plans
         cost = f"{np.median(cost_ratio):.3f}" if chosen is both else "-"
         rows.append([name, str(len(chosen)), *(f"{number:.2f}" for number in numbers), cost])
-    return _table(header, rows)
+    return table(header, rows)
 
 
 def _bad_guess_table(runs: Sequence[Run]) -> str:
@@ -149,24 +148,8 @@ def _bad_guess_table(runs: Sequence[Run]) -> str:
         if of_kind:
             seconds = _spread(of_kind, lambda run: run.seconds, 2)
             rows.append([kind, *_counts(of_kind), *_iterations(of_kind), seconds])
-    return _table(header, rows)
+    return table(header, rows)
 
 
 def _spread(runs: Sequence[Run], value: Callable[[Run], float], digits: int) -> str:
-    median, tail = np.percentile([value(run) for run in runs], [50, 95])
-    return f"{median:.{digits}f} / {tail:.{digits}f}"
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
-
-
-def _machine() -> str:
-    versions = []
-    for package in ("drake", "casadi", "numpy"):
-        try:
-            versions.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            continue
-    return f"Python {platform.python_version()}, {', '.join(versions)}; {platform.machine()}, {os.cpu_count()} cores.\n"
+    return spread([value(run) for run in runs], digits)

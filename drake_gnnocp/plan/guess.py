@@ -80,7 +80,7 @@ def check_available(kind: str, options: GuessOptions | None = None) -> None:
         raise GuessUnavailable("guess: 'rrt_star' needs OMPL: pip install ompl, or pip install -e .[rrt_star]")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def load_network(weights: Path | None) -> Network:
     """The trained network in a file, or the one that comes with the package; warmed up.
 

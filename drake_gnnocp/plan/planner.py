@@ -5,12 +5,15 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from drake_gnnocp.ocp.refine import TOO_LATE, Optimised, RefineOptions, badness, optimise
 from drake_gnnocp.plan.fine import fine_guess, fine_refine
 from drake_gnnocp.plan.guess import check_available, straight_guess
+from drake_gnnocp.plan.polish import QUICKER, polished, worth_polishing
 from drake_gnnocp.plan.result import Attempt, Plan
 from drake_gnnocp.plan.strategies import Horizon, PlanOptions, Strategy, strategies
 from drake_gnnocp.scenario import Scenario
@@ -22,7 +25,6 @@ logger = logging.getLogger(__name__)
 LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
 LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
 ROUNDING = 1e-9  # relative, of the length of a path
-QUICKER = 0.995  # of the duration: a plan that saves less is where the free horizon is solved out
 MOST_QUICKER = 4  # solves that follow a verified plan with a free horizon
 
 
@@ -55,6 +57,8 @@ def plan(
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     local = scenario.translated(-x0, -y0)
     tried = _try_all(local, guess, horizon, options, begin + max_seconds)
+    if horizon == "free":
+        tried = _all_polished(local, tried, options, begin + max_seconds)
     best = _best(tried, horizon)
     if best.start is None:  # nothing was found in time: the least there is to show
         best = replace(best, start=straight_guess(local, options.guess).trajectory)
@@ -80,7 +84,7 @@ class _Tried:
 def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float) -> list[_Tried]:
     """Try one strategy after the other until a plan is verified, and no better is looked for, or the time is over."""
     tried: list[_Tried] = []
-    for strategy in strategies(scenario, guess, horizon, options, deadline):
+    for strategy in islice(strategies(scenario, guess, horizon, options, deadline), options.most_attempts):
         verified = any(each.attempt.verified for each in tried)
         if tried and time.monotonic() >= deadline - options.refine.reserve:
             break
@@ -133,13 +137,17 @@ def _timed(
 def _optimised(
     scenario: Scenario, start: Trajectory, strategy: Strategy, horizon: Horizon, options: PlanOptions, deadline: float
 ) -> Optimised:
-    free = replace(options.refine, problem=replace(options.refine.problem, free_horizon=True))
+    free = _free(options)
     if strategy.fine:
         refine = fine_refine(scenario, start, options.refine, options.fine)  # stays near, which a free horizon cannot
     else:
         refine = free if horizon == "free" else options.refine
     outcome = optimise(scenario, start, refine, deadline, strategy.stepped)
     return _quicker(scenario, outcome, free, deadline) if horizon == "free" else outcome
+
+
+def _free(options: PlanOptions) -> RefineOptions:
+    return replace(options.refine, problem=replace(options.refine.problem, free_horizon=True))
 
 
 def _quicker(scenario: Scenario, outcome: Optimised, free: RefineOptions, deadline: float) -> Optimised:
@@ -154,6 +162,21 @@ def _quicker(scenario: Scenario, outcome: Optimised, free: RefineOptions, deadli
         if kept is not again:
             break
     return outcome
+
+
+def _all_polished(scenario: Scenario, tried: list[_Tried], options: PlanOptions, deadline: float) -> list[_Tried]:
+    """The attempts, the quickest of their plans polished as long as there is time."""
+    plans = [(i, each.outcome) for i, each in enumerate(tried) if each.outcome and each.attempt.verified]
+    result = list(tried)
+    for which in worth_polishing([plan.trajectory.duration for _, plan in plans], options.polish):
+        i, before = plans[which]
+        now = time.monotonic()
+        until = now + options.polish.share * (deadline - now)
+        outcome = polished(scenario, before, _free(options), until, options.polish)
+        attempt = tried[i].attempt
+        result[i] = replace(tried[i], attempt=replace(attempt, **_work(outcome), cost=outcome.cost.J), outcome=outcome)
+        logger.info("%s: from %.2f s to %.2f s", attempt.guess, before.trajectory.duration, outcome.trajectory.duration)
+    return result
 
 
 def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
@@ -172,21 +195,28 @@ def _unsolved(strategy: Strategy, guess_seconds: float, reason: str) -> Attempt:
 
 
 def _solved(strategy: Strategy, guess_seconds: float, outcome: Optimised) -> Attempt:
-    rounds = outcome.rounds
     return Attempt(
         guess=strategy.source,
         guess_seconds=guess_seconds,
-        build_seconds=sum(r.build_seconds for r in rounds),
-        solve_seconds=sum(r.solve_seconds for r in rounds),
-        convex_steps=rounds[0].convex_steps,
-        iterations=sum(r.iterations for r in rounds),
-        first_iterations=rounds[0].iterations,
-        refinements=len(rounds) - 1,
-        solver_status=rounds[-1].status,
+        convex_steps=outcome.rounds[0].convex_steps,
+        first_iterations=outcome.rounds[0].iterations,
         cost=outcome.cost.J,
         verified=outcome.verification.verified,
         reason=outcome.reason,
+        **_work(outcome),
     )
+
+
+def _work(outcome: Optimised) -> dict[str, Any]:
+    """The fields of an attempt that all its solves add to."""
+    rounds = outcome.rounds
+    return {
+        "build_seconds": sum(r.build_seconds for r in rounds),
+        "solve_seconds": sum(r.solve_seconds for r in rounds),
+        "iterations": sum(r.iterations for r in rounds),
+        "refinements": len(rounds) - 1,
+        "solver_status": rounds[-1].status,
+    }
 
 
 def _best(tried: list[_Tried], horizon: Horizon) -> _Tried:

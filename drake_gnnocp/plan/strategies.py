@@ -20,6 +20,7 @@ from drake_gnnocp.plan.guess import (
     straight_guess,
 )
 from drake_gnnocp.plan.learned import settled_hypotheses
+from drake_gnnocp.plan.polish import PolishOptions
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions
 from drake_gnnocp.search.moves import Costs
@@ -49,6 +50,8 @@ class PlanOptions:
     hypotheses: int = 8  # of the network, the best by its ranking: those whose convex steps settle are solved
     learned_share: float = 0.1  # of the time, for each of them at most
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
+    most_attempts: int | None = None  # strategies that are tried; None: all there are
+    polish: PolishOptions = field(default_factory=PolishOptions)  # with the horizon "free"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""What the parameters are worth, as measured curves: see `__main__`."""

@@ -1,0 +1,172 @@
+"""The paper's comparisons: numbers that follow from the runs, nothing made twice, and what is missing is said."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from test_benchmark import PATIENT, cells, run_of
+
+from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp.benchmark.methods import Method, Settings
+from drake_gnnocp.benchmark.tasks import Task
+from drake_gnnocp.learning.checkpoint import save_weights
+from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.ocp_benchmark.worker import Worker
+from drake_gnnocp.plan.guess import GuessOptions
+from drake_gnnocp.plan.planner import PlanOptions
+from drake_gnnocp.row_files import RunsError, read_rows
+from drake_gnnocp.tables import __main__ as command_line
+from drake_gnnocp.tables.__main__ import TABLES, main
+from drake_gnnocp.tables.maps import map_report
+from drake_gnnocp.tables.raw_guesses import RawGuess, measure, nearest, raw_report
+from drake_gnnocp.tables.report import Report
+from drake_gnnocp.tables.unseen import unseen_report
+
+MACHINE = "a machine\n"
+ROUNDING = 1e-9  # m, of sums of 120 doubles
+
+
+def csv_row(made: Report, **first: str) -> dict[str, str]:
+    rows = list(csv.DictReader(made.csv.splitlines()))
+    return next(row for row in rows if all(row[name] == value for name, value in first.items()))
+
+
+def here(_: Worker, function: Any, *arguments: Any, timeout: float) -> Any:
+    """Takes the place of `Worker.call`: in this process."""
+    return function(*arguments)
+
+
+@pytest.fixture
+def task() -> Task:
+    block = np.array([[0.0, 4.0], [5.0, 4.0], [5.0, 6.0]])
+    return Task(Scenario("near", np.zeros(3), np.array([6.0, 0.0, 0.0]), (block,)), "open")
+
+
+@pytest.fixture
+def untrained(tmp_path: Path) -> Method:
+    """The paper's network as it is before training."""
+    torch.manual_seed(0)
+    save_weights(tmp_path / "paper.pt", PaperNetwork(PaperConfig(hidden=16)), {})
+    return Method("gnn_paper", "gnn", PlanOptions(guess=GuessOptions(weights=tmp_path / "paper.pt")))
+
+
+def test_ratios_on_a_map_are_those_of_the_same_repeat_beside_the_papers() -> None:
+    runs = [run_of("map_a", "gnn", total, kind="library", repeat=i) for i, total in enumerate((1.0, 2.0, 4.0))]
+    others = [run_of("map_a", "rrt_star", t, kind="library", repeat=i) for i, t in enumerate((3.0, 10.0, 8.0))]
+    made = map_report([*runs, replace(others[0], verified=False), *others[1:]], MACHINE)
+    row = csv_row(made, scenario="map_a", method="rrt_star")
+    assert (row["runs"], row["verified"], row["total_s"], row["total_paper_s"]) == ("3", "2", "8", "23.808")
+    assert float(row["total_ratio"]) == 3.0  # of 3, 5 and 2
+    assert float(row["total_paper_ratio"]) == pytest.approx(23.808 / 8.347, rel=1e-4)
+    assert cells(made.markdown, "map_a", "rrt_star")[6:9] == ["8.000", "23.808", "2/3"]
+    assert csv_row(made, method="gnn")["planning_ratio"] == "1" and MACHINE in made.markdown
+
+
+def test_unseen_tasks_are_compared_task_by_task_and_failures_are_counted() -> None:
+    names = ("a", "b", "c")
+    runs = [run_of(name, "gnn", total, cost=2.0) for name, total in zip(names, (1.0, 2.0, 9.0), strict=True)]
+    runs += [run_of(name, "hybrid_astar", 4.0, cost=3.0) for name in names]
+    runs[2] = replace(runs[2], verified=False, cost=math.nan)
+    made = unseen_report(runs, MACHINE)
+    row = csv_row(made, method="hybrid_astar")
+    assert (row["all_pairs"], row["both_pairs"], row["both_cost_ratio_median"]) == ("3", "2", "1.5")
+    assert float(row["all_total_ratio_median"]) == 2.0 and float(row["both_total_ratio_median"]) == 3.0
+    assert float(row["both_total_ratio_p95"]) == pytest.approx(3.9)  # of 2 and 4
+    row = csv_row(made, method="gnn")
+    assert (row["attempted"], row["verified"], row["compared"]) == ("3", "2", "2")
+    assert "3 tasks" in made.markdown and cells(made.markdown, "gnn")[2] == "2 (66.7 %)"
+
+
+def test_a_guess_is_held_against_the_nearest_optimum() -> None:
+    def line(y: float, knots: int) -> Trajectory:
+        states = np.zeros((knots, 5))
+        states[:, 0], states[:, 1] = np.linspace(0.0, 8.0, knots), y
+        return Trajectory(np.linspace(0.0, 9.0, knots), states, np.zeros((knots, 2)))
+
+    assert nearest(line(0.0, 120), [line(5.0, 240), line(-2.0, 60)]) == pytest.approx(2.0, abs=ROUNDING)
+    assert math.isnan(nearest(line(0.0, 120), [])) and math.isnan(nearest(None, [line(1.0, 120)]))
+
+
+def test_raw_guesses_are_measured_whether_or_not_they_lead_to_a_plan(
+    task: Task, untrained: Method, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Worker, "call", here)
+    methods = [Method("hybrid_astar", "hybrid_astar"), untrained]
+    rows = measure(tmp_path, [task], methods, Settings(PATIENT))
+    search, network = rows
+    assert (search.method, network.method) == ("hybrid_astar", "gnn_paper")
+    assert search.optima == network.optima >= 1
+    assert 0 < search.position_error_m < 1.0 and search.gap_m < 0.01 and search.blocked == 0.0
+    assert network.gap_m > 5 * search.gap_m  # nothing was learnt, and nothing of it is a motion of the car
+    assert read_rows(tmp_path / "guesses.csv", RawGuess) == rows
+
+    def no_call(*_: object, **__: object) -> object:
+        raise AssertionError("a guess that is there was made again")
+
+    monkeypatch.setattr(Worker, "call", no_call)
+    assert measure(tmp_path, [task], methods, Settings(PATIENT)) == rows
+    with pytest.raises(RunsError, match=r"other settings \(methods\)"):  # with fewer of them, fewer optima are known
+        measure(tmp_path, [task], methods[:1], Settings(PATIENT))
+
+
+def test_raw_guesses_are_summed_up_by_method_without_those_that_were_not_made() -> None:
+    nan = math.nan
+    rows = [RawGuess(name, "open", "gnn", 2, error, 0.0, 0.5) for name, error in (("a", 1.0), ("b", 3.0))]
+    rows += [RawGuess("c", "open", "gnn", 0, nan, 0.5, 0.5), RawGuess("d", "open", "hybrid_astar", 1, nan, nan, nan)]
+    made = raw_report(rows, MACHINE)
+    assert cells(made.markdown, "gnn")[1:] == ["3", "3", "2", "2.00 / 2.90", "0.00 / 0.45", "2", "0.500 / 0.500"]
+    assert cells(made.markdown, "hybrid_astar")[1:5] == ["1", "0", "0", "-"]
+    assert csv_row(made, method="gnn")["position_error_m_mean"] == "2"
+    assert csv_row(made, method="hybrid_astar")["gap_m_median"] == ""
+
+
+def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(
+    task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = Method("gnn_paper", "gnn", PlanOptions(guess=GuessOptions(weights=tmp_path / "missing.pt")))
+    usable = Method("hybrid_astar", "hybrid_astar")
+    monkeypatch.setattr(Worker, "call", here)
+    monkeypatch.setattr(command_line, "drawn_tasks", lambda n: [task][:n])
+    monkeypatch.setattr(command_line, "methods_named", lambda *_: [usable, missing])
+    arguments = ["test_tasks", "raw_guesses", "--max-seconds", "600", "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    assert "gnn_paper: left out: guess: 'gnn' needs trained weights" in capsys.readouterr().err
+    for name in ("test_tasks", "raw_guesses"):
+        assert "hybrid_astar" in (tmp_path / f"{name}.md").read_text(encoding="utf-8")
+        assert (tmp_path / f"{name}.csv").read_text(encoding="utf-8").count("\n") == 2
+    before = (tmp_path / "test_tasks.csv").read_bytes()
+    assert main(arguments) == 0
+    assert (tmp_path / "test_tasks.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["magic"], f"must be one of {', '.join(TABLES)}, not 'magic'"),
+        (["--tasks", "0"], "--tasks: must be a number of 1 or more, not '0'"),
+        (["table", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
+        (["table", "--out", "taken"], "--out: taken"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("a file")
+    try:
+        code: object = main(arguments)
+    except SystemExit as stop:  # argparse's way
+        code = stop.code
+    out, err = capsys.readouterr()
+    assert code == 2 and out == "" and err.count("\n") == 1 and message in err
