@@ -19,7 +19,7 @@ from drake_gnnocp.plan.planner import PlanOptions
 BASE = "ablation_base"  # 30 points, all training maps
 POINTS = {30.0: BASE, 60.0: "points_60", 120.0: "points_120"}  # folders of trainings
 SHARES = {10.0: "share_10", 30.0: "share_30", 100.0: BASE}
-HYPOTHESES = (1, 2, 4, 8)
+HYPOTHESES = (1, 2, 4, 8, 12)
 KNOTS = (40, 60, 90, 120, 180, 240)
 LAMBDA2 = (0.0, 0.3, 1.0, 3.0, 10.0)
 GAMMA = (1.02, 1.05, 1.1, 1.2, 1.5)

@@ -47,7 +47,7 @@ class PlanOptions:
     slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
     retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
     fine: FineOptions = field(default_factory=FineOptions)
-    hypotheses: int = 8  # of the network, the best by its ranking: those whose convex steps settle are solved
+    hypotheses: int = 12  # of the network, the best by its ranking: those whose convex steps settle are solved
     learned_share: float = 0.1  # of the time, for each of them at most
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
     most_attempts: int | None = None  # strategies that are tried; None: all there are
