@@ -126,7 +126,7 @@ def run_training(
         best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
         if quality["plan_badness"] < best:
             about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, **quality}
-            save_weights(folder / "best.pt", network, about | {"from": str(arguments.start or "random weights")})
+            save_weights(folder / "best.pt", network, about | {"from": arguments.start.name if arguments.start else "random weights"})
         return quality
 
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
