@@ -125,8 +125,9 @@ def run_training(
         quality = planning_quality(network, tasks)
         best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
         if quality["plan_badness"] < best:
-            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, **quality}
-            save_weights(folder / "best.pt", network, about | {"from": arguments.start.name if arguments.start else "random weights"})
+            start = arguments.start.name if arguments.start else "random weights"
+            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, "from": start}
+            save_weights(folder / "best.pt", network, about | quality)
         return quality
 
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
