@@ -51,11 +51,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         self._convert()
-        for j, ring in enumerate(self.obstacles):
-            try:
-                polygons_of(ring)
-            except ValueError as error:
-                raise ScenarioError(f"obstacles[{j}]: {error}") from None
+        _ = self.polygons  # raises where an obstacle is none
         if self.bounds is not None and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         for which, pose in (("start", self.start), ("goal", self.goal)):
@@ -92,7 +88,13 @@ class Scenario:
     @cached_property
     def polygons(self) -> tuple[shapely.Polygon, ...]:
         """The obstacles as exact simple polygons (an obstacle that touches itself gives several)."""
-        return tuple(polygon for ring in self.obstacles for polygon in polygons_of(ring))
+        found: list[shapely.Polygon] = []
+        for j, ring in enumerate(self.obstacles):
+            try:
+                found += polygons_of(ring)
+            except ValueError as error:
+                raise ScenarioError(f"obstacles[{j}]: {error}") from None
+        return tuple(found)
 
     @cached_property
     def centroids(self) -> np.ndarray:

@@ -170,15 +170,15 @@ def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:
     """
     if not scenario.polygons:
         return math.inf
-    cars, tree = shapely.polygons(footprints), shapely.STRtree(scenario.polygons)
+    tree = shapely.STRtree(scenario.polygons)
 
     def distances(which: np.ndarray) -> np.ndarray:
-        return tree.query_nearest(cars[which], return_distance=True, all_matches=False)[1]
+        return tree.query_nearest(shapely.polygons(footprints[which]), return_distance=True, all_matches=False)[1]
 
-    looked_at = np.unique(np.append(np.arange(0, len(cars), LOOK_EVERY), len(cars) - 1))
+    looked_at = np.unique(np.append(np.arange(0, len(footprints), LOOK_EVERY), len(footprints) - 1))
     found = distances(looked_at)
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(footprints, axis=0), axis=2).max(axis=1, initial=0.0)))
-    after = np.searchsorted(looked_at, np.arange(len(cars)))
+    after = np.searchsorted(looked_at, np.arange(len(footprints)))
     before = np.maximum(after - 1, 0)
     least = np.maximum(
         found[before] - np.abs(way - way[looked_at[before]]), found[after] - np.abs(way[looked_at[after]] - way)

@@ -13,6 +13,7 @@ from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.half_planes import SWEPT_GAP, half_planes
 from drake_gnnocp.ocp.problem import ProblemOptions
 from drake_gnnocp.ocp.refine import RefineOptions, optimise
+from drake_gnnocp.ocp.rings import ConvexRings
 from drake_gnnocp.ocp_benchmark.guesses import with_noise
 from drake_gnnocp.plan.guess import GuessOptions, straight_guess
 from drake_gnnocp.verification import min_clearance
@@ -49,7 +50,7 @@ def straight(gate: Scenario) -> Trajectory:
 
 
 def rows_at(poses: np.ndarray) -> dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
-    planes = half_planes(poses, (SQUARE, TRIANGLE), VEHICLE, near=3.0)
+    planes = half_planes(poses, ConvexRings.of((SQUARE, TRIANGLE)), VEHICLE, near=3.0)
     own = np.flatnonzero(~planes.between)
     return {(int(planes.knot[i]), int(planes.obstacle[i])): (planes.value[i], planes.gradient[i]) for i in own}
 
@@ -69,7 +70,7 @@ def test_gradients_of_half_planes_match_central_differences() -> None:
 def test_the_least_value_is_the_distance_where_a_side_faces_the_obstacle() -> None:
     gap = 0.7
     poses = np.array([[-9.0, 2.0, 0.0], [-gap - VEHICLE.wheelbase - VEHICLE.front_hang, 2.0, 0.0], [9.0, 2.0, 0.0]])
-    planes = half_planes(poses, (SQUARE,), VEHICLE, near=1.0)
+    planes = half_planes(poses, ConvexRings.of((SQUARE,)), VEHICLE, near=1.0)
     assert planes.knot.tolist() == [1]
     assert planes.value.min() == pytest.approx(gap, abs=ROUNDING)
 
@@ -77,7 +78,7 @@ def test_the_least_value_is_the_distance_where_a_side_faces_the_obstacle() -> No
 def test_knots_of_one_visit_are_sent_to_the_same_side() -> None:
     x = np.linspace(-12.0, 12.0, 60)
     poses = np.column_stack([x, np.full(60, 3.5), np.zeros(60)])  # over the square, nearer to its upper edge
-    planes = half_planes(poses, (SQUARE,), VEHICLE, near=0.0)
+    planes = half_planes(poses, ConvexRings.of((SQUARE,)), VEHICLE, near=0.0)
     assert len(planes) > 15
     np.testing.assert_allclose(planes.gradient[..., :2], np.broadcast_to([0.0, 1.0], (len(planes), 2, 2)), atol=1e-12)
 
@@ -86,7 +87,7 @@ def test_an_obstacle_between_two_clear_knots_gets_rows() -> None:
     post = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
     front = VEHICLE.wheelbase + VEHICLE.front_hang
     x = np.array([-20.0, -front - 0.05, VEHICLE.rear_hang + 0.15, 20.0])
-    planes = half_planes(np.column_stack([x, np.zeros(4), np.zeros(4)]), (post,), VEHICLE, near=1.0)
+    planes = half_planes(np.column_stack([x, np.zeros(4), np.zeros(4)]), ConvexRings.of((post,)), VEHICLE, near=1.0)
     assert sorted(planes.knot[planes.between].tolist()) == [1, 2]
     assert planes.value[planes.between].min() < SWEPT_GAP
 

@@ -14,6 +14,7 @@ from drake_gnnocp import Scenario, Trajectory, Vehicle
 from drake_gnnocp.ocp.cost import CostWeights, add_cost, evaluate_cost, proximity
 from drake_gnnocp.ocp.dynamics import add_dynamics, defects
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
+from drake_gnnocp.ocp.rings import ConvexRings
 from drake_gnnocp.ocp.separating_line import Separation, add_separating_line, best_normal
 from drake_gnnocp.ocp.sparsity import jacobian_sparsity
 from drake_gnnocp.ocp.triangle_area import excess_area, near_rows, row_values
@@ -136,12 +137,12 @@ def test_excess_area_equals_the_papers_sum_of_triangles_minus_the_polygon() -> N
 def test_near_rows_leave_out_what_is_far_and_the_fixed_ends() -> None:
     poses = np.column_stack([np.linspace(0, 30, 31), np.zeros(31), np.zeros(31)])
     ring = SQUARE + [14.0, 2.0]
-    rows = near_rows(poses, (ring,), Vehicle(), near=2.0)
+    rows = near_rows(poses, ConvexRings.of((ring,)), Vehicle(), near=2.0)
     assert len(rows) > 0
     footprints = Vehicle().footprints(poses[rows.knot])
     along = np.maximum(ring[:, 0].min() - footprints[..., 0].max(1), footprints[..., 0].min(1) - ring[:, 0].max())
     assert along.max() < 2.0
-    everywhere = near_rows(poses, (ring,), Vehicle(), near=100.0)
+    everywhere = near_rows(poses, ConvexRings.of((ring,)), Vehicle(), near=100.0)
     assert set(everywhere.knot) == set(range(1, 30))
     assert np.bincount(everywhere.knot).max() <= 4
 
@@ -149,7 +150,7 @@ def test_near_rows_leave_out_what_is_far_and_the_fixed_ends() -> None:
 def test_rows_see_the_nearest_corner_at_its_distance() -> None:
     vehicle, pose = Vehicle(), np.array([[0.0, 0.0, 0.0]] * 3)
     ring = SQUARE + [vehicle.corners[1, 0] + 0.5, -1.0]  # half a metre ahead of the front bumper
-    rows = near_rows(pose, (ring,), vehicle, near=2.0)
+    rows = near_rows(pose, ConvexRings.of((ring,)), vehicle, near=2.0)
     excess, _ = row_values(rows, pose[rows.knot])
     assert np.min(excess / rows.length) == pytest.approx(0.5, abs=EXACT)
 

@@ -67,9 +67,7 @@ def _percentiles(name: str, values: Sequence[float]) -> CellRow:
 def _cost_ratio(parameter: Parameter, point: Point, chosen: dict[str, list[Run]]) -> float:
     """Median of J over that of the default value on the same curve."""
     usual = [
-        each.method.name
-        for each in parameter.points
-        if each.value == parameter.default and each.series == point.series
+        each.method.name for each in parameter.points if each.value == parameter.default and each.series == point.series
     ]
     pairs = [pair for name in usual for pair in zip(chosen[point.method.name], chosen[name], strict=True)]
     return percentile([one.cost / other.cost for one, other in pairs if one.verified and other.verified], 50)

@@ -52,7 +52,7 @@ class Prediction:
 
     states: Tensor  # (B, K, T, 5) x, y, theta, v, phi at equal steps [m, m, rad, m/s, rad]
     duration: Tensor  # (B, K) [s]
-    score: Tensor  # (B, K) logits: how likely each is the one to take
+    score: Tensor  # (B, K) how likely each is the one to take: logits, or their log_softmax over all hypotheses
 
 
 def mlp(*sizes: int) -> nn.Sequential:
@@ -275,13 +275,16 @@ class TrajectoryNetwork(nn.Module):
             steps.append((states, duration))
         return steps
 
-    def forward(self, scene: Scene) -> Prediction:
-        """K refined trajectories of every scene."""
+    def forward(self, scene: Scene, ranks: slice = slice(None)) -> Prediction:
+        """Refined trajectories of every scene, the likeliest first; of some ranks only, where that is enough."""
         proposed, latent, tokens = self.propose(scene)
-        b, k = proposed.score.shape
+        score, which = proposed.score.log_softmax(dim=1).sort(dim=1, descending=True)
+        score, which = score[:, ranks], which[:, ranks]
+        b, k = score.shape
         rows = torch.arange(b).repeat_interleave(k)
-        states, duration = proposed.states.flatten(0, 1), proposed.duration.flatten()
-        steps = self.refine(states, duration, latent.flatten(0, 1), tokens[rows], scene.subset(rows))
+        chosen = rows, which.flatten()
+        states, duration = proposed.states[chosen], proposed.duration[chosen]
+        steps = self.refine(states, duration, latent[chosen], tokens[rows], scene.subset(rows)) if k else []
         if steps:
             states, duration = steps[-1]
-        return Prediction(states.unflatten(0, (b, k)), duration.unflatten(0, (b, k)), proposed.score)
+        return Prediction(states.unflatten(0, (b, k)), duration.unflatten(0, (b, k)), score)

@@ -62,8 +62,8 @@ class PaperNetwork(nn.Module):
         self.graph = nn.ModuleList(Fusion(wide, config.hidden) for _ in range(config.graph_rounds))
         self.heads = nn.ModuleList(mlp(wide, config.hidden, config.hidden, config.points) for _ in State)
 
-    def forward(self, scene: Scene) -> Prediction:
-        """One trajectory a scene (K = 1)."""
+    def forward(self, scene: Scene, ranks: slice = slice(None)) -> Prediction:
+        """One trajectory a scene (K = 1), which has rank 0."""
         vectors, mask = task_graph(scene)  # (B, 1 + J, E, 6)
         for layer in self.subgraph:
             vectors = layer(vectors, mask)
@@ -73,7 +73,8 @@ class PaperNetwork(nn.Module):
         feature = masked_max(nodes, here)  # (B, 2 hidden)
         columns = torch.stack([head(feature) for head in self.heads], dim=-1)  # (B, T, 5)
         states = columns * columns.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
-        return Prediction(states[:, None], _duration(states)[:, None], states.new_zeros(len(scene), 1))
+        score = states.new_zeros(len(scene), 1)
+        return Prediction(states[:, None][:, ranks], _duration(states)[:, None][:, ranks], score[:, ranks])
 
     def loss(self, scene: Scene, states: Tensor, duration: Tensor) -> LossParts:
         """Regression of the five variables; `duration` is not learned."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
 
-FIRST_VIEW = 4  # hypotheses of the scene as it is, before other views are looked at
+LIKELIEST, LESS_LIKELY = slice(0, 4), slice(4, None)  # ranks by the network's score: what is refined first, and later
 VIEWS = ((False, True), (True, False), (True, True))  # mirrored, turned around
 
 
@@ -48,8 +48,9 @@ def guesses(
 ) -> Iterator[Trajectory]:
     """Trajectories of n_knots equally spaced knots in the scenario's frame, the most promising first.
 
-    The best few of the scene as it is come first. After them, where they are asked for, the network looks at the scene
-    in a mirror and the other way round as well: four views, each with its own hypotheses.
+    The likeliest of the scene as it is come first: refining is what takes time. After them, where they are asked for,
+    come the less likely, and the network looks at the scene in a mirror and the other way round as well: four views,
+    each with its own hypotheses.
 
     Args:
         network: ready for use.
@@ -58,32 +59,37 @@ def guesses(
         weights: of the ranking.
     """
     scene = scene_of(scenario)
-    plain = _hypotheses(network, scene, weights)
-    for states, duration, _ in plain[:FIRST_VIEW]:
+    for states, duration, _ in _hypotheses(network, scene, weights, LIKELIEST):
         yield interpolated(states, duration, scenario, n_knots)
-    views = plain[FIRST_VIEW:] + [each for view in VIEWS for each in _hypotheses(network, scene, weights, *view)]
+    views = _hypotheses(network, scene, weights, LESS_LIKELY)
+    for mirror, turn in VIEWS:
+        views += _hypotheses(network, scene, weights, mirror=mirror, turn=turn)
     for states, duration, _ in sorted(views, key=lambda each: each[2], reverse=True):
         yield interpolated(states, duration, scenario, n_knots)
 
 
 @torch.inference_mode()
 def _hypotheses(
-    network: Network, scene: Scene, weights: RankWeights, mirror: bool = False, turn: bool = False
+    network: Network,
+    scene: Scene,
+    weights: RankWeights,
+    ranks: slice = slice(None),
+    mirror: bool = False,
+    turn: bool = False,
 ) -> list[tuple[np.ndarray, float, float]]:
     """Hypotheses for one scene from one view of it, in the scene's frame, best first: points (T, 5), duration, rank."""
     seen = turned_around(scene) if turn else scene
     seen = mirrored(seen, seen.goal.new_zeros(1, 1, 5))[0] if mirror else seen
-    prediction = network(seen)
+    prediction = network(seen, ranks)
     states = prediction.states
     states = mirrored(seen, states)[1] if mirror else states
     if turn:
         states = out_of_frame(reversed_in_time(states), scene.goal)
         turns = torch.round(states[..., :1, 2] / (2 * torch.pi))
         states[..., 2] -= 2 * torch.pi * turns
-    found = Prediction(states, prediction.duration, prediction.score.log_softmax(dim=1))
-    rank = ranking(found, scene, weights)[0]
-    points, durations, ranks = states[0].double().numpy(), prediction.duration[0].tolist(), rank.tolist()
-    return [(points[k], durations[k], ranks[k]) for k in torch.argsort(rank, descending=True).tolist()]
+    promise = ranking(replace(prediction, states=states), scene, weights)[0]
+    points, durations, rank = states[0].double().numpy(), prediction.duration[0].tolist(), promise.tolist()
+    return [(points[k], durations[k], rank[k]) for k in torch.argsort(promise, descending=True).tolist()]
 
 
 def ranking(prediction: Prediction, scene: Scene, weights: RankWeights) -> torch.Tensor:

@@ -18,7 +18,6 @@ import torch
 from shapely.geometry.polygon import orient
 from torch import Tensor
 
-from drake_gnnocp.geometry import polygons_of
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -53,11 +52,10 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         (J, E, 4) tail x, y, head x, y [m] and (J, E) bool. Rings go counter-clockwise; repeated vertices are left out.
     """
     groups = []
-    for ring in scenario.obstacles:
-        for polygon in map(orient, polygons_of(ring)):
-            for outline in (polygon.exterior, *polygon.interiors):
-                corners = np.array(outline.coords)
-                groups.append(np.hstack([corners[:-1], corners[1:]]))
+    for polygon in map(orient, scenario.polygons):
+        for outline in (polygon.exterior, *polygon.interiors):
+            corners = np.array(outline.coords)
+            groups.append(np.hstack([corners[:-1], corners[1:]]))
     if scenario.bounds is not None:
         xmin, xmax, ymin, ymax = scenario.bounds
         # the free side is on the right of every vector, as it is for rings

@@ -26,12 +26,13 @@ from drake_gnnocp.ocp.cost import convex_proximity, proximity
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.half_planes import POINTS, SWEPT_GAP, HalfPlanes, half_planes
 from drake_gnnocp.ocp.problem import ProblemOptions
+from drake_gnnocp.ocp.rings import ConvexRings
 from drake_gnnocp.ocp.variables import N_KNOT, N_STATES
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
-# pydrake takes dense matrices: small blocks cost calls, large ones zeros
+# pydrake takes dense matrices: small blocks cost calls, large ones zeros. Without order="F" it looks for scipy first
 INTERVALS_PER_BLOCK = 20  # of linearised dynamics
 KNOTS_PER_BLOCK = 8  # of the cost
 PAIRS_PER_BLOCK = 100  # of half planes
@@ -137,7 +138,7 @@ class StepProgram:
             last = min(first + INTERVALS_PER_BLOCK, n_knots - 1)
             shape = (N_STATES * (last - first), N_KNOT * (last - first + 1))
             rows = self._program.AddLinearEqualityConstraint(
-                np.zeros(shape), np.zeros(shape[0]), self._change[first : last + 1].ravel()
+                np.zeros(shape, order="F"), np.zeros(shape[0]), self._change[first : last + 1].ravel()
             )
             self._dynamics.append((first, last, rows.evaluator()))
         self._costs = []
@@ -184,7 +185,10 @@ class StepProgram:
         result = self._solver.Solve(self._program, None, self._settings)
         for binding in added:
             self._program.RemoveConstraint(binding)
-        return result.GetSolution(self._change) if result.is_success() else None
+        if not result.is_success():
+            return None
+        n_knots = len(self._change)  # the first variables, which Drake keeps column by column
+        return result.get_x_val()[: self._change.size].reshape(N_KNOT, n_knots).T
 
     def _set_dynamics(self, knots: np.ndarray) -> None:
         value, derivative = defects(knots, self._h, self._scenario.vehicle.wheelbase)
@@ -232,7 +236,8 @@ class StepProgram:
             block = np.concatenate([self._change[knots, :POSE].ravel(), self._slacks[pairs]])
             lower = lacking[pairs].ravel()
             upper = np.full(len(lower), np.inf)
-            added.append(self._program.AddLinearConstraint(matrix.reshape(len(lower), -1), lower, upper, block))
+            rows = np.asfortranarray(matrix.reshape(len(lower), -1))
+            added.append(self._program.AddLinearConstraint(rows, lower, upper, block))
         return added
 
     def _add_slacks(self, n: int) -> None:
@@ -244,14 +249,14 @@ class StepProgram:
         self._slacks = np.concatenate([self._slacks, new])
 
 
-def _guarded(scenario: Scenario, problem: ProblemOptions) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+def _guarded(scenario: Scenario, problem: ProblemOptions) -> tuple[ConvexRings, np.ndarray]:
     """Convex obstacles and walls around the bounds, and the margins (J,) asked of them [m].
 
     No obstacle is asked for more than it leaves at start and goal: the knots next to them cannot have it.
     """
     ends = shapely.polygons(scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal])))
-    at_ends = [float(shapely.distance(polygon, ends).min()) for polygon in scenario.convex_polygons]
-    margins = np.minimum(problem.guess_share * np.array(at_ends), problem.margin)
+    at_ends = shapely.distance(np.array(scenario.convex_polygons, dtype=object)[:, None], ends).min(axis=1)
+    margins = np.minimum(problem.guess_share * at_ends, problem.margin)
     obstacles = scenario.convex_obstacles
     if scenario.bounds is not None:
         xmin, xmax, ymin, ymax = scenario.bounds
@@ -259,4 +264,4 @@ def _guarded(scenario: Scenario, problem: ProblemOptions) -> tuple[tuple[np.ndar
         boxes = ((low, (xmin, high[1])), ((xmax, low[1]), high), (low, (high[0], ymin)), ((low[0], ymax), high))
         obstacles += tuple(np.array([[a[0], a[1]], [b[0], a[1]], [b[0], b[1]], [a[0], b[1]]]) for a, b in boxes)
         margins = np.append(margins, np.full(len(boxes), problem.bounds_margin))
-    return obstacles, margins
+    return ConvexRings.of(obstacles), margins

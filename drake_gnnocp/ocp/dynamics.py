@@ -11,6 +11,8 @@ rule: linear in the knots as long as h is fixed, and then given to the solver as
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from pydrake.solvers import LinearEqualityConstraint, MathematicalProgram
 
@@ -141,6 +143,7 @@ def _add_block_of_defects(
     add_block(program, evaluate, zeros, zeros, block, rows, columns, f"dynamics of intervals {first} to {last - 1}")
 
 
+@lru_cache
 def _structure(n_rows: int, n_step: int) -> np.ndarray:
     """Entries (row, column) of one interval's derivative that are not always zero: (P, 2)."""
     generic = np.random.default_rng(0).uniform(0.1, 0.5, (2, N_KNOT))

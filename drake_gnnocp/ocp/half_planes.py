@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_gnnocp.ocp.rings import SHORTEST_EDGE, ConvexRings, outward_normals
 from drake_gnnocp.vehicle import Vehicle
 
 POINTS = 2  # of every knot and obstacle that get a row: a side can touch with both its ends
 SWEPT_NEAR = 0.3  # m, pairs whose motion in between is looked at
 SWEPT_WATCHED = 0.1  # m, distance of the hull of two neighbouring knots below which they get rows of their own
 SWEPT_GAP = 0.03  # m, to be asked of these rows; less than what is watched, or they would come and go
-SHORTEST_EDGE = 1e-9  # m, shorter edges are repeated vertices
 
 
 @dataclass(frozen=True)
@@ -41,24 +41,22 @@ class HalfPlanes:
         return len(self.knot)
 
 
-def half_planes(poses: np.ndarray, obstacles: tuple[np.ndarray, ...], vehicle: Vehicle, near: float) -> HalfPlanes:
+def half_planes(poses: np.ndarray, obstacles: ConvexRings, vehicle: Vehicle, near: float) -> HalfPlanes:
     """Rows of all pairs of a knot and an obstacle nearer than `near`.
 
     Args:
         poses: (N, 3) x, y, theta of the knots; the first and the last are fixed and have no rows [m, m, rad].
-        obstacles: convex rings (M_j, 2), counter-clockwise [m].
+        obstacles: the convex obstacles.
         vehicle: the car.
         near: [m].
     """
     footprints = vehicle.footprints(poses)
-    knot, obstacle = _boxes_within(footprints, obstacles, near)
+    knot, obstacle = obstacles.pairs_within(footprints, near)
     if not len(knot):
         return HalfPlanes(knot, obstacle, np.zeros((0, POINTS)), np.zeros((0, POINTS, 3)), obstacle == 0)
-    most = max(len(ring) for ring in obstacles)
-    rings = np.stack([np.concatenate([ring, np.repeat(ring[-1:], most - len(ring), axis=0)]) for ring in obstacles])
-    corners, ring, pose = footprints[knot], rings[obstacle], poses[knot]
+    corners, ring, pose = footprints[knot], obstacles.vertices[obstacle], poses[knot]
 
-    n, m = outward_normals(rings)[obstacle], outward_normals(corners)
+    n, m = obstacles.normals[obstacle], outward_normals(corners)
     of_corners = n @ corners.transpose(0, 2, 1) - np.sum(n * ring, axis=2)[..., None]  # (P, M, 4)
     of_vertices = m @ ring.transpose(0, 2, 1) - np.sum(m * corners, axis=2)[..., None]  # (P, 4, M)
     by_edge = np.where(np.any(n != 0, axis=2), of_corners.min(axis=2), -np.inf)
@@ -83,28 +81,6 @@ def half_planes(poses: np.ndarray, obstacles: tuple[np.ndarray, ...], vehicle: V
     rows, pairs = np.concatenate([rows[keep], extra]), np.concatenate([keep, swept])
     between = np.arange(len(pairs)) >= len(keep)
     return HalfPlanes(knot[pairs], obstacle[pairs], rows[..., 0], rows[..., 1:], between)
-
-
-def outward_normals(rings: np.ndarray) -> np.ndarray:
-    """Unit normals of the edges of counter-clockwise rings (..., M, 2); zero where vertices repeat."""
-    edges = np.concatenate([rings[..., 1:, :], rings[..., :1, :]], axis=-2) - rings
-    length = np.sqrt(np.sum(edges**2, axis=-1, keepdims=True))
-    turned = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
-    return np.where(length > SHORTEST_EDGE, turned / np.maximum(length, SHORTEST_EDGE), 0.0)
-
-
-def _boxes_within(
-    footprints: np.ndarray, obstacles: tuple[np.ndarray, ...], near: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and obstacles whose bounding boxes come nearer than `near`, by obstacle and then by knot."""
-    if not obstacles:
-        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    low = np.stack([ring.min(axis=0) for ring in obstacles]) - near
-    high = np.stack([ring.max(axis=0) for ring in obstacles]) + near
-    close = np.all((footprints.max(axis=1) > low[:, None]) & (footprints.min(axis=1) < high[:, None]), axis=2)
-    close[:, [0, -1]] = False
-    obstacle, knot = np.nonzero(close)
-    return knot, obstacle
 
 
 def _rows(n: np.ndarray, value: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:

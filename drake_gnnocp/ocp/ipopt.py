@@ -26,6 +26,7 @@ class IpoptOptions:
     """The options that matter for this problem; the rest keep Ipopt's defaults."""
 
     mu_init: float = 1e-4  # barrier of a start near the optimum: it does not push the guess off its constraints
+    bound_multiplier: float = 1.0  # first one of all bounds; with the barrier it says how far they push at first
     push: float = 1e-6  # relative, how far the start is moved inside its bounds
     feasibility: float = 1e-5  # m (and rad), largest constraint violation accepted
     complementarity: float = 1e-2  # largest complementarity accepted
@@ -70,10 +71,9 @@ def solve(
             result = solver.Solve(program, guess, settings)
         seconds = time.perf_counter() - start
         iterations = _iterations(log)
-    values = result.GetSolution(program.decision_variables())
     violated = () if result.is_success() else tuple(result.GetInfeasibleConstraintNames(program))
     status = result.get_solver_details().ConvertStatusToString()
-    return Solution(values, result.is_success(), status, iterations, seconds, violated)
+    return Solution(result.get_x_val(), result.is_success(), status, iterations, seconds, violated)
 
 
 @contextmanager
@@ -100,6 +100,7 @@ def _settings(hessian: float, max_seconds: float, options: IpoptOptions, log: Pa
         "spral_nemin": 8,
         "mu_strategy": "monotone",
         "mu_init": options.mu_init,
+        "bound_mult_init_val": options.bound_multiplier,
         "bound_push": options.push,
         "bound_frac": options.push,
         "slack_bound_push": options.push,

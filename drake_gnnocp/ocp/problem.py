@@ -9,6 +9,7 @@ from pydrake.solvers import MathematicalProgram
 
 from drake_gnnocp.ocp.cost import CostWeights, add_cost
 from drake_gnnocp.ocp.dynamics import add_dynamics
+from drake_gnnocp.ocp.rings import ConvexRings
 from drake_gnnocp.ocp.separating_line import Separation, add_separating_line
 from drake_gnnocp.ocp.triangle_area import add_triangle_areas, near_rows
 from drake_gnnocp.ocp.variables import (
@@ -74,7 +75,7 @@ def build(scenario: Scenario, guess: Trajectory, separations: list[Separation], 
         add_tube(program, variables, poses, np.array([options.tube, options.tube, options.tube_heading]))
     add_ends(program, variables, scenario.start, scenario.goal + options.goal_offset + [0.0, 0.0, turns])
     add_dynamics(program, variables, vehicle)
-    rows = near_rows(poses, scenario.convex_obstacles, vehicle, options.near)
+    rows = near_rows(poses, ConvexRings.of(scenario.convex_obstacles), vehicle, options.near)
     margins = np.clip(options.guess_share * rows.distance, min(options.least_margin, options.margin), options.margin)
     add_triangle_areas(program, variables, rows, margins)
     if scenario.bounds is not None:

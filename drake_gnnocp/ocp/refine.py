@@ -47,8 +47,9 @@ class RefineOptions:
     problem: ProblemOptions = field(default_factory=ProblemOptions)
     ipopt: IpoptOptions = field(default_factory=IpoptOptions)
     convex: ConvexOptions = field(default_factory=ConvexOptions)
-    finish: IpoptOptions = IpoptOptions(objective_change=5e-3, settled_iterations=1, complementarity=0.1)  # where the
-    # convex steps have settled: they have done the optimising
+    finish: IpoptOptions = IpoptOptions(
+        objective_change=5e-3, settled_iterations=1, complementarity=0.1, mu_init=3e-5, bound_multiplier=3.0
+    )  # where the convex steps have settled: they have done the optimising, and a barrier of 1e-4 leads away from there
     finish_near: float = 1.2  # m, the problem's `near` then
     threshold: float = 0.02  # m, pairs that come nearer get a line
     gap: float = 0.02  # m, first gap of a line

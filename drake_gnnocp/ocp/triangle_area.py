@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
+from drake_gnnocp.ocp.rings import ConvexRings, padded
 from drake_gnnocp.ocp.variables import Variables, add_block
 from drake_gnnocp.vehicle import Vehicle
 
@@ -108,7 +109,7 @@ def _points(rows: Rows, poses: np.ndarray) -> np.ndarray:
     return np.column_stack([x, y])
 
 
-def near_rows(poses: np.ndarray, obstacles: tuple[np.ndarray, ...], vehicle: Vehicle, near: float) -> Rows:
+def near_rows(poses: np.ndarray, obstacles: ConvexRings, vehicle: Vehicle, near: float) -> Rows:
     """The rows that can become active near the guess.
 
     For every knot and obstacle nearer than `near` these are the two corners nearest to the obstacle and its two
@@ -116,54 +117,58 @@ def near_rows(poses: np.ndarray, obstacles: tuple[np.ndarray, ...], vehicle: Veh
 
     Args:
         poses: (N, 3) of the knots, the first and the last fixed and without rows [m, m, rad].
-        obstacles: convex rings (M_j, 2), counter-clockwise [m].
+        obstacles: the convex obstacles.
         vehicle: the car.
         near: [m].
     """
-    most = max([4, *(len(ring) for ring in obstacles)])
-    car = _padded(vehicle.corners, most)
-    reach = near + float(np.linalg.norm(vehicle.corners, axis=1).max())
-    found = [_candidates(np.zeros(0, dtype=int), np.zeros((0, 2)), car, True)]
-    for ring in obstacles:
-        low, high = ring.min(axis=0) - reach, ring.max(axis=0) + reach
-        inside = np.all((poses[:, :2] >= low) & (poses[:, :2] <= high), axis=1)
-        inside[[0, -1]] = False
-        knots = np.flatnonzero(inside)
-        if len(knots):
-            found.append(_nearest(_candidates(knots, vehicle.corners, _padded(ring, most), True), poses, near))
-            found.append(_nearest(_candidates(knots, ring, car, False), poses, near))
-    return Rows(*(np.concatenate([getattr(part, field.name) for part in found]) for field in fields(Rows)))
+    knot, obstacle = obstacles.pairs_within(vehicle.footprints(poses), near)
+    car, rings, n = vehicle.corners, obstacles.vertices[obstacle], len(knot)
+    most = max(len(car), rings.shape[1])
+    corners, is_corner = np.broadcast_to(car, (n, *car.shape)), np.ones((n, len(car)), dtype=bool)
+    cars = np.broadcast_to(padded(car, most), (n, most, 2))
+    of_car = _nearest(knot, corners, is_corner, padded(rings, most), True, poses, near)
+    of_obstacles = _nearest(knot, rings, obstacles.is_vertex[obstacle], cars, False, poses, near)
+    return Rows(*(np.concatenate([getattr(part, f.name) for part in (of_car, of_obstacles)]) for f in fields(Rows)))
 
 
-def _candidates(knots: np.ndarray, points: np.ndarray, ring: np.ndarray, is_car: bool) -> Rows:
-    """All points against the ring at every knot, knot by knot."""
-    n = len(knots) * len(points)
-    return Rows(
-        np.repeat(knots, len(points)),
-        np.tile(points, (len(knots), 1)),
-        np.broadcast_to(ring, (n, *ring.shape)),
-        np.full(n, is_car),
-        np.zeros(n),
-        np.ones(n),
+def _nearest(
+    knot: np.ndarray,
+    points: np.ndarray,
+    is_point: np.ndarray,
+    rings: np.ndarray,
+    is_car: bool,
+    poses: np.ndarray,
+    near: float,
+) -> Rows:
+    """Of every pair the points nearest to its ring, where nearer than `near`; their lengths make the rows distances.
+
+    Args:
+        knot: (P,) of the pairs.
+        points: (P, I, 2) of each, of which only those with is_point (P, I) count [m].
+        is_point: see above.
+        rings: (P, M, 2) [m].
+        is_car: whether the points are the car's.
+        poses: (N, 3) of the knots [m, m, rad].
+        near: [m].
+    """
+    n = points.shape[1]
+    size = np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=1) / 2
+    rows = Rows(
+        np.repeat(knot, n),
+        points.reshape(-1, 2),
+        np.repeat(rings, n, axis=0),
+        np.full(len(knot) * n, is_car),
+        np.zeros(len(knot) * n),
+        np.repeat(size, n),
     )
-
-
-def _nearest(rows: Rows, poses: np.ndarray, near: float) -> Rows:
-    """At every knot the nearest rows, of those nearer than `near`; their lengths make them distances."""
-    points = _points(rows, poses[rows.knot])
-    excess, _ = excess_area(points, rows.ring)
-    distance = np.where(excess > 0, _distance(points, rows.ring), 0.0)
-    length = np.full(len(rows), np.linalg.norm(rows.ring[0].max(axis=0) - rows.ring[0].min(axis=0)) / 2)
-    np.divide(excess, distance, out=length, where=distance > TOUCHING)
-    by_knot = distance.reshape(len(np.unique(rows.knot)), -1)
-    nth = np.sort(by_knot, axis=1)[:, [min(POINTS_PER_PAIR, by_knot.shape[1]) - 1]]
-    keep = np.flatnonzero((by_knot <= nth) & (by_knot < near))
+    seen = _points(rows, poses[rows.knot])
+    excess, _ = excess_area(seen, rows.ring)
+    distance = np.where(excess > 0, _distance(seen, rows.ring), 0.0)
+    length = np.divide(excess, distance, out=rows.length, where=distance > TOUCHING)
+    of_pair = np.where(is_point, distance.reshape(-1, n), np.inf)
+    nth = np.sort(of_pair, axis=1)[:, [min(POINTS_PER_PAIR, n) - 1]]
+    keep = np.flatnonzero((of_pair <= nth) & (of_pair < near))
     return replace(rows, distance=distance, length=np.maximum(length, SHORTEST)).subset(keep)
-
-
-def _padded(ring: np.ndarray, n: int) -> np.ndarray:
-    """The ring with its last vertex repeated to n vertices: repeated edges have no area."""
-    return np.concatenate([ring, np.repeat(ring[-1:], n - len(ring), axis=0)])
 
 
 def add_triangle_areas(program: MathematicalProgram, variables: Variables, rows: Rows, margins: np.ndarray) -> None:

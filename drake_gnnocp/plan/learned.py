@@ -10,12 +10,11 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from drake_gnnocp.ocp.convex_step import ConvexSteps
+from drake_gnnocp.ocp.convex_step import ConvexOptions, ConvexSteps
 from drake_gnnocp.ocp.refine import RefineOptions, take_convex_steps
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
-PATIENCE = 5  # convex steps: of those that had settled later, 97 % had less than 0.3 m missing by then
 NEARLY = 0.05  # m, missing margin of a hypothesis that Ipopt may still make a plan of, where none has settled
 
 
@@ -42,13 +41,13 @@ def settled_hypotheses(
         deadline: instant of `time.monotonic()` after which no hypothesis is looked at [s].
     """
     begin = time.monotonic()
-    impatient = replace(refine, convex=replace(refine.convex, patience=PATIENCE))
+    fitted = replace(refine, convex=fitted_steps(refine.convex))
     passed_over: list[Candidate] = []
     found = False
     for guess in hypotheses:
         if time.monotonic() >= deadline:
             break
-        stepped = take_convex_steps(scenario, guess, impatient, deadline)
+        stepped = take_convex_steps(scenario, guess, fitted, deadline)
         if stepped.settled:
             found = True
             yield Candidate(guess, stepped, time.monotonic() - begin - stepped.seconds)
@@ -58,3 +57,13 @@ def settled_hypotheses(
     nearest = min(passed_over, key=lambda each: each.stepped.missing, default=None)
     if not found and nearest is not None and nearest.stepped.missing < NEARLY:
         yield replace(nearest, seconds=time.monotonic() - begin - nearest.stepped.seconds)
+
+
+def fitted_steps(options: ConvexOptions) -> ConvexOptions:
+    """Convex steps for learned guesses.
+
+    They begin near the optimum, so a first step may be long, and what a last small step would gain, Ipopt gains as
+    well: on validation maps a fifth fewer steps. Of those that settled later than the fifth, 97 % had less than 0.3 m
+    missing by then.
+    """
+    return replace(options, patience=5, proximal=0.03, settled_cost=1e-2, settled_defect=1e-3)
