@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import NoReturn
 
-BAD_INPUT = 2  # exit code
+DONE, BAD_INPUT = 0, 2  # exit codes
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -39,3 +42,37 @@ def seconds(text: str) -> float:
     if not 0 < value <= 1e5:
         raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
     return value
+
+
+def share(text: str) -> float:
+    """An argument that is a number in (0, 1]."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value <= 1:
+        raise argparse.ArgumentTypeError(f"must be above 0 and at most 1, not {text!r}")
+    return value
+
+
+def reported(work: Callable[[], str], out: Path) -> int:
+    """Do the work of a command and print what it returns; what is wrong with its input is one line on stderr.
+
+    Args:
+        work: writes into the folder `out`; a ValueError of it names what is wrong.
+        out: see above.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        text = work()
+    except ValueError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"--out: {error.filename or out}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    print(text)
+    print(f"written to {out}")
+    return DONE

@@ -10,13 +10,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, seconds
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
 from drake_gnnocp.trajectory import write_atomically
 
 if TYPE_CHECKING:
     from nbformat import NotebookNode
 
-DONE, FAILED = 0, 3  # exit codes, beside BAD_INPUT
+FAILED = 3  # exit code, beside those of all commands
 START_SECONDS = 300  # s, for a kernel to answer: on a busy machine it takes a minute
 STAMP = "executed"  # key of a notebook's metadata: the `fingerprint` of the code that its outputs are of
 CLONE = Path(__file__).resolve().parents[1]  # or site-packages, where the package is installed without its notebooks

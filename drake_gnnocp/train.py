@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, share
 from drake_gnnocp.dataset.generate import DatasetError, load_dataset
 from drake_gnnocp.learning.checkpoint import CONFIGS, Network, config_of, load_weights, new_network, save_weights
 from drake_gnnocp.learning.comparison import comparison
@@ -20,8 +20,6 @@ from drake_gnnocp.learning.samples import Samples
 from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, TrainingOptions, train
 from drake_gnnocp.pictures.curves_plot import save_curves_picture
 from drake_gnnocp.plan.quality import planning_quality, validation_tasks
-
-DONE = 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -40,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     start = "weights to begin with, of a network of the same sizes (default: random ones)"
     add("--from", type=Path, dest="start", metavar="FILE", help=start)
     add("--epochs", type=count, metavar="N", help="passes over the dataset (default: the configuration's)")
-    add("--share", type=_share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
+    add("--share", type=share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
     add("--seed", type=count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
     changes = "other sizes of the network, weights of the losses or options, such as hypotheses=1 kinematics=0 batch=32"
     add("--set", type=_setting, nargs="+", default=[], metavar="NAME=X", help=changes)
@@ -51,16 +49,6 @@ def _parser() -> argparse.ArgumentParser:
     compare = "train nothing; print a table of the trainings whose folders are in DIR"
     add("--compare", type=Path, metavar="DIR", help=compare)
     return parser
-
-
-def _share(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = -1.0
-    if not 0 < share <= 1:
-        raise argparse.ArgumentTypeError(f"must be above 0 and at most 1, not {text!r}")
-    return share
 
 
 def _setting(text: str) -> tuple[str, str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, plan
+from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.predict import interpolated
 from drake_gnnocp.learning.spline import spline_matrices
 from drake_gnnocp.ocp.convex_step import ConvexSteps
@@ -103,6 +104,12 @@ def test_learned_guesses_fit_the_scenario(scenario: Scenario) -> None:
         assert math.cos(guess.poses[-1, 2] - local.goal[2]) == pytest.approx(1.0)
         limits = [local.vehicle.v_max, local.vehicle.phi_max, local.vehicle.a_max, local.vehicle.w_max]
         assert (np.abs(np.hstack([guess.states[:, 3:], guess.inputs])) <= np.array(limits) + ROUNDING).all()
+
+
+def test_every_hypothesis_of_every_view_is_given_once(scenario: Scenario) -> None:
+    found = list(gnn_guesses(scenario, GuessOptions(n_knots=10)))
+    assert len(found) == 4 * NetworkConfig().hypotheses
+    assert len({guess.poses.tobytes() for guess in found}) == len(found)
 
 
 def test_splines_meet_their_points_and_rest_at_both_ends() -> None:

@@ -87,6 +87,16 @@ def test_a_batch_gives_what_its_scenes_give_alone(network: Network) -> None:
     )
 
 
+def test_some_ranks_are_those_of_all_hypotheses(network: Network) -> None:
+    scene = scene_of(Scenario.load("map_a"))
+    with torch.inference_mode():
+        every = network(scene)
+        for ranks in (slice(0, 3), slice(3, None)):
+            expected = Prediction(every.states[:, ranks], every.duration[:, ranks], every.score[:, ranks])
+            assert_same(network(scene, ranks), expected)
+    assert (every.score.diff(dim=1) <= 0).all()
+
+
 def test_predictions_move_with_the_scene(network: Network) -> None:
     scenario = Scenario.load("map_a")
     turn, shift = 0.7, np.array([3.0, -2.0])

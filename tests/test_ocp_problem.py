@@ -134,6 +134,31 @@ def test_excess_area_equals_the_papers_sum_of_triangles_minus_the_polygon() -> N
         assert value == pytest.approx(triangles - 0.5 * abs(ax * by - ay * bx), abs=EXACT)
 
 
+def test_pairs_within_are_those_whose_boxes_are_near() -> None:
+    rng = np.random.default_rng(5)
+    obstacles = [SQUARE + rng.uniform(-20, 20, 2) for _ in range(10)] + [TRIANGLE + rng.uniform(-20, 20, 2)]
+    footprints = Vehicle().footprints(rng.uniform([-20, -20, -3], [20, 20, 3], (30, 3)))
+    found = set(zip(*ConvexRings.of(obstacles).pairs_within(footprints, near=2.0), strict=True))
+    expected = set()
+    for k, car in enumerate(footprints):
+        for j, ring in enumerate(obstacles):
+            gaps = [ring.min(axis=0) - car.max(axis=0), car.min(axis=0) - ring.max(axis=0)]
+            if np.max(gaps) < 2.0 and 0 < k < len(footprints) - 1:
+                expected.add((k, j))
+    assert found == expected and len(found) > 5
+
+
+def test_obstacles_of_unlike_numbers_of_vertices_have_the_rows_that_each_has_alone() -> None:
+    poses = np.column_stack([np.linspace(-4, 4, 9), np.full(9, -2.0), np.linspace(0, 2, 9)])
+    hexagon = 1.5 * np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)]) + [-1.0, -6.0]
+    obstacles = (SQUARE, TRIANGLE + [4.0, -4.0], hexagon)
+    alone = [near_rows(poses, ConvexRings.of((ring,)), Vehicle(), near=3.0) for ring in obstacles]
+    together = near_rows(poses, ConvexRings.of(obstacles), Vehicle(), near=3.0)
+    keys = [sorted(zip(r.knot, *r.point.T, r.is_car, r.distance, r.length, strict=True)) for r in (*alone, together)]
+    assert len(together) > 20
+    assert np.allclose(sorted(sum(keys[:-1], [])), keys[-1], rtol=0, atol=EXACT)
+
+
 def test_near_rows_leave_out_what_is_far_and_the_fixed_ends() -> None:
     poses = np.column_stack([np.linspace(0, 30, 31), np.zeros(31), np.zeros(31)])
     ring = SQUARE + [14.0, 2.0]

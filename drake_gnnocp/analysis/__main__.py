@@ -16,15 +16,13 @@ from drake_gnnocp.benchmark.methods import Method, Settings, check_methods
 from drake_gnnocp.benchmark.runs import Run
 from drake_gnnocp.benchmark.summary import PACKAGES
 from drake_gnnocp.benchmark.tasks import drawn_tasks
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, positive, seconds
+from drake_gnnocp.command_line import OneLineParser, positive, reported, seconds
 from drake_gnnocp.pictures.style import save_figure
 from drake_gnnocp.plan.guess import GuessUnavailable, load_network
 from drake_gnnocp.reports import machine
-from drake_gnnocp.row_files import RunsError
 from drake_gnnocp.tables.report import report
 from drake_gnnocp.trajectory import write_atomically
 
-DONE = 0  # exit code, beside BAD_INPUT
 NAMES = tuple(parameters(Path()))
 FORMATS = ("png", "pdf")
 
@@ -63,29 +61,23 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
+    return reported(lambda: _run(arguments), arguments.out)
+
+
+def _run(arguments: argparse.Namespace) -> str:
     folder: Path = arguments.out
-    try:
-        if arguments.weights:
-            load_network(arguments.weights)
-        every = available(parameters(arguments.training, arguments.weights), arguments.names)
-        names = list(dict.fromkeys(arguments.names or NAMES))
-        wanted = [every[name] for name in names if name in every]
-        if not wanted:
-            raise ValueError(f"{', '.join(names)}: nothing to vary: no network is there")
-        folder.mkdir(parents=True, exist_ok=True)
-        methods: dict[str, Method] = {point.method.name: point.method for each in wanted for point in each.points}
-        benchmark = Benchmark(folder, list(methods.values()), 1, Settings(arguments.max_seconds))
-        benchmark.run(drawn_tasks(arguments.tasks))
-        text = write_curves(every, benchmark.runs, folder)
-    except (RunsError, ValueError) as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or folder}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    print(text)
-    print(f"written to {folder}")
-    return DONE
+    if arguments.weights:
+        load_network(arguments.weights)
+    every = available(parameters(arguments.training, arguments.weights), arguments.names)
+    names = list(dict.fromkeys(arguments.names or NAMES))
+    wanted = [every[name] for name in names if name in every]
+    if not wanted:
+        raise ValueError(f"{', '.join(names)}: nothing to vary: no network is there")
+    folder.mkdir(parents=True, exist_ok=True)
+    methods: dict[str, Method] = {point.method.name: point.method for each in wanted for point in each.points}
+    benchmark = Benchmark(folder, list(methods.values()), 1, Settings(arguments.max_seconds))
+    benchmark.run(drawn_tasks(arguments.tasks))
+    return write_curves(every, benchmark.runs, folder)
 
 
 def available(every: dict[str, Parameter], asked_for: list[str]) -> dict[str, Parameter]:

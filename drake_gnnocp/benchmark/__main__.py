@@ -11,11 +11,9 @@ from drake_gnnocp.benchmark.benchmark import Benchmark
 from drake_gnnocp.benchmark.methods import METHODS, Settings, check_methods, methods_named
 from drake_gnnocp.benchmark.summary import summarise
 from drake_gnnocp.benchmark.tasks import DATASET, TEST_MAPS, drawn_tasks, named_tasks
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, positive, seconds
-from drake_gnnocp.row_files import RunsError
+from drake_gnnocp.command_line import OneLineParser, count, positive, reported, seconds
 from drake_gnnocp.trajectory import write_atomically
 
-DONE = 0  # exit code, beside BAD_INPUT
 DEFAULTS = Settings()
 
 
@@ -59,28 +57,23 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the summary; returns the exit code."""
     arguments = _parser().parse_args(argv)
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
+    return reported(lambda: _run(arguments), arguments.out)
+
+
+def _run(arguments: argparse.Namespace) -> str:
+    if not arguments.scenarios and not arguments.tasks:
+        raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
     folder: Path = arguments.out
     settings = Settings(arguments.max_seconds, arguments.seed, arguments.weights)
     methods = methods_named(list(dict.fromkeys(arguments.methods)), settings)
-    try:
-        if not arguments.scenarios and not arguments.tasks:
-            raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
-        tasks = named_tasks(arguments.scenarios)
-        check_methods(methods)
-        folder.mkdir(parents=True, exist_ok=True)
-        benchmark = Benchmark(folder, methods, arguments.repeat, settings)
-        benchmark.run(tasks + drawn_tasks(arguments.tasks), arguments.jobs)
-        summary = summarise(benchmark.runs)
-        write_atomically(folder / "summary.md", summary)
-    except (RunsError, ValueError) as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or folder}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    print(summary)
-    print(f"written to {folder}")
-    return DONE
+    tasks = named_tasks(arguments.scenarios)
+    check_methods(methods)
+    folder.mkdir(parents=True, exist_ok=True)
+    benchmark = Benchmark(folder, methods, arguments.repeat, settings)
+    benchmark.run(tasks + drawn_tasks(arguments.tasks), arguments.jobs)
+    summary = summarise(benchmark.runs)
+    write_atomically(folder / "summary.md", summary)
+    return summary
 
 
 if __name__ == "__main__":

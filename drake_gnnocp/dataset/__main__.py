@@ -11,7 +11,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count
 from drake_gnnocp.dataset.datasheet import write_datasheet
 from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
 from drake_gnnocp.dataset.improve import ImproveOptions, improving
@@ -19,7 +19,6 @@ from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.single_thread import single_threaded_children
 from drake_gnnocp.tasks.place import KINDS
 
-DONE = 0
 DEFAULTS = DatasetSettings()
 
 

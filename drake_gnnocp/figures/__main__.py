@@ -9,13 +9,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, seconds
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
 from drake_gnnocp.figures.catalogue import FIGURES
 from drake_gnnocp.figures.plans import Plans, Skipped
 from drake_gnnocp.pictures.style import save_figure
 from drake_gnnocp.plan.guess import GuessUnavailable, load_network
 
-DONE = 0  # exit code, beside BAD_INPUT
 FORMATS = ("png", "pdf")
 
 

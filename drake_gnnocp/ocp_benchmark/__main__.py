@@ -7,14 +7,12 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, seconds
+from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, reported, seconds
 from drake_gnnocp.ocp_benchmark.benchmark import Settings, library_tasks, random_tasks, run_benchmark
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS, TUTORIAL
-from drake_gnnocp.ocp_benchmark.runs import RunsError
 from drake_gnnocp.ocp_benchmark.summary import summarise
 from drake_gnnocp.trajectory import write_atomically
 
-DONE = 0  # exit code, beside BAD_INPUT
 DEFAULTS = Settings()
 
 
@@ -80,20 +78,14 @@ def main(argv: list[str] | None = None) -> int:
 
     tasks = library_tasks() if arguments.library else random_tasks(arguments.seed, arguments.tasks)
     settings = Settings(arguments.knots, arguments.max_seconds, arguments.search_seconds)
-    try:
+
+    def run() -> str:
         folder.mkdir(parents=True, exist_ok=True)
-        runs = run_benchmark(tasks, methods_of, arguments.perturb, settings, folder)
-        summary = summarise(runs)
+        summary = summarise(run_benchmark(tasks, methods_of, arguments.perturb, settings, folder))
         write_atomically(folder / "summary.md", summary)
-    except RunsError as error:
-        print(error, file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or folder}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    print(summary)
-    print(f"written to {folder}")
-    return DONE
+        return summary
+
+    return reported(run, folder)
 
 
 if __name__ == "__main__":

@@ -24,16 +24,14 @@ from drake_gnnocp.benchmark.methods import (
 )
 from drake_gnnocp.benchmark.summary import PACKAGES
 from drake_gnnocp.benchmark.tasks import drawn_tasks, named_tasks
-from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, positive, seconds
+from drake_gnnocp.command_line import OneLineParser, positive, reported, seconds
 from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.reports import machine
-from drake_gnnocp.row_files import RunsError
 from drake_gnnocp.tables.maps import MAPS, map_report
 from drake_gnnocp.tables.raw_guesses import measure, raw_report
 from drake_gnnocp.tables.report import Report
 from drake_gnnocp.tables.unseen import unseen_report
 
-DONE = 0  # exit code, beside BAD_INPUT
 PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR)
 OPTIONAL = (GNN_PAPER, RRT_STAR)  # left out where their weights or OMPL are missing
 
@@ -118,17 +116,8 @@ def main(argv: list[str] | None = None) -> int:
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
     settings = Settings(arguments.max_seconds, weights=arguments.weights)
     wanted = Wanted(arguments.tasks, arguments.repeat, settings, arguments.out)
-    try:
-        for name in dict.fromkeys(arguments.names or TABLES):
-            print(make_table(name, wanted))
-    except (RunsError, ValueError) as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or wanted.out}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
-    print(f"written to {wanted.out}")
-    return DONE
+    names = dict.fromkeys(arguments.names or TABLES)
+    return reported(lambda: "\n".join(make_table(name, wanted) for name in names), wanted.out)
 
 
 def make_table(name: str, wanted: Wanted) -> str:
