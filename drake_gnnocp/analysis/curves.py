@@ -10,7 +10,7 @@ import numpy as np
 from drake_gnnocp.analysis.parameters import Parameter, Point
 from drake_gnnocp.benchmark.runs import Run
 from drake_gnnocp.reports import table
-from drake_gnnocp.tables.report import SECONDS, WORK, CellRow, median, number, percentile
+from drake_gnnocp.tables.report import SECONDS, WORK, CellRow, cell_spread, median, number, percentile
 
 PERCENTILES = {"median": 50, "p25": 25, "p75": 75, "p95": 95}
 NOTES = """\
@@ -89,8 +89,8 @@ def _table(parameter: Parameter, rows: Sequence[CellRow]) -> str:
     for row in rows:
         value = number(row["value"], 2).rstrip("0").rstrip(".")
         usual = row["value"] == parameter.default
-        spreads = [_spread(row, "iterations", 0), _spread(row, "convex_steps", 0)]
-        spreads += [_spread(row, f"{name}_s", 2) for name in SECONDS]
+        spreads = [cell_spread(row, "iterations", 0), cell_spread(row, "convex_steps", 0)]
+        spreads += [cell_spread(row, f"{name}_s", 2) for name in SECONDS]
         lines.append(
             [
                 f"**{value}**" if usual else value,
@@ -103,7 +103,3 @@ def _table(parameter: Parameter, rows: Sequence[CellRow]) -> str:
             ]
         )
     return table(header, lines)
-
-
-def _spread(row: CellRow, name: str, digits: int) -> str:
-    return f"{number(row[f'{name}_median'], digits)} / {number(row[f'{name}_p95'], digits)}"

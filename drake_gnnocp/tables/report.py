@@ -64,6 +64,11 @@ def number(cell: Cell, digits: int) -> str:
     return "-" if isinstance(cell, float) and math.isnan(cell) else f"{cell:.{digits}f}"
 
 
+def cell_spread(row: CellRow, name: str, digits: int) -> str:
+    """Median / 95th percentile of a quantity for readers."""
+    return f"{number(row[f'{name}_median'], digits)} / {number(row[f'{name}_p95'], digits)}"
+
+
 def percentile(values: Sequence[float], which: float) -> float:
     """A percentile, NaN of nothing."""
     return float(np.percentile(values, which)) if len(values) else math.nan

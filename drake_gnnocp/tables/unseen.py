@@ -22,6 +22,7 @@ from drake_gnnocp.tables.report import (
     CellRow,
     Report,
     Value,
+    cell_spread,
     median,
     number,
     percentile,
@@ -97,7 +98,7 @@ def _work_table(rows: Sequence[CellRow]) -> str:
     lines = []
     for row in rows:
         share = f"{row['verified']} ({100 * float(row['verified_share']):.1f} %)"
-        work = [_spread(row, name, 0) for name in WORK] + [_spread(row, f"{name}_s", 2) for name in SECONDS]
+        work = [cell_spread(row, name, 0) for name in WORK] + [cell_spread(row, f"{name}_s", 2) for name in SECONDS]
         quality = [number(row["cost_median"], 2), number(row["clearance_m_median"], 2)]
         lines.append([str(row["method"]), str(row["attempted"]), share, str(row["solved"]), *work, *quality])
     return table(header, lines)
@@ -119,10 +120,6 @@ def _disparity_table(rows: Sequence[CellRow]) -> str:
     names = ("method", "compared")
     lines = [[*(str(row[name]) for name in names), *(number(row[name], 2) for name in DISPARITY)] for row in rows]
     return table(header, lines)
-
-
-def _spread(row: CellRow, name: str, digits: int) -> str:
-    return f"{number(row[f'{name}_median'], digits)} / {number(row[f'{name}_p95'], digits)}"
 
 
 def _ratio(row: CellRow, name: str) -> str:
