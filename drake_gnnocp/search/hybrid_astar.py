@@ -53,6 +53,7 @@ SCHEDULE = (
     Stage(position=1.0, heading=1 / 3, length=0.7, margin=0.6, tight=0.3, lattice=True, expansions=1500),
     Stage(position=1.0, heading=1 / 6, length=0.5, margin=0.25, tight=0.3, lattice=True, expansions=3000),
     Stage(position=0.7, heading=1 / 9, length=0.4, margin=0.08, tight=0.3, lattice=True, expansions=15000),
+    Stage(position=0.5, heading=1 / 15, length=0.3, margin=0.04, tight=0.2, lattice=True, expansions=30000),
 )
 
 
