@@ -35,23 +35,21 @@ def positive(text: str) -> int:
 
 def seconds(text: str) -> float:
     """An argument that is a time in (0, 100000] [s]."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 < value <= 1e5:
-        raise argparse.ArgumentTypeError(f"must be 0 to 100000 seconds, not {text!r}")
-    return value
+    return _at_most(1e5, "0 to 100000 seconds", text)
 
 
 def share(text: str) -> float:
     """An argument that is a number in (0, 1]."""
+    return _at_most(1.0, "above 0 and at most 1", text)
+
+
+def _at_most(most: float, meaning: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0 < value <= 1:
-        raise argparse.ArgumentTypeError(f"must be above 0 and at most 1, not {text!r}")
+    if not 0 < value <= most:
+        raise argparse.ArgumentTypeError(f"must be {meaning}, not {text!r}")
     return value
 
 
