@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
 
@@ -53,24 +53,25 @@ def _at_most(most: float, meaning: str, text: str) -> float:
     return value
 
 
-def reported(work: Callable[[], str], out: Path) -> int:
-    """Do the work of a command and print what it returns; what is wrong with its input is one line on stderr.
+def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueError) -> int:
+    """Print the texts that a command makes, as they come; what is wrong with its input is one line on stderr.
 
     Args:
-        work: writes into the folder `out`; a ValueError of it names what is wrong.
+        texts: their making is the command's work, which writes into the folder `out`.
         out: see above.
+        wrong: the errors that name what is wrong with the input.
 
     Returns:
         The exit code.
     """
     try:
-        text = work()
-    except ValueError as error:
+        for text in texts:
+            print(text)
+    except wrong as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return BAD_INPUT
     except OSError as error:
         print(f"--out: {error.filename or out}: {error.strerror}", file=sys.stderr)
         return BAD_INPUT
-    print(text)
     print(f"written to {out}")
     return DONE

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,10 +62,10 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
-    return reported(lambda: _run(arguments), arguments.out)
+    return reported(_run(arguments), arguments.out)
 
 
-def _run(arguments: argparse.Namespace) -> str:
+def _run(arguments: argparse.Namespace) -> Iterator[str]:
     folder: Path = arguments.out
     if arguments.weights:
         load_network(arguments.weights)
@@ -77,7 +78,7 @@ def _run(arguments: argparse.Namespace) -> str:
     methods: dict[str, Method] = {point.method.name: point.method for each in wanted for point in each.points}
     benchmark = Benchmark(folder, list(methods.values()), 1, Settings(arguments.max_seconds))
     benchmark.run(drawn_tasks(arguments.tasks))
-    return write_curves(every, benchmark.runs, folder)
+    yield write_curves(every, benchmark.runs, folder)
 
 
 def available(every: dict[str, Parameter], asked_for: list[str]) -> dict[str, Parameter]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from drake_gnnocp.benchmark.benchmark import Benchmark
@@ -57,10 +58,10 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the summary; returns the exit code."""
     arguments = _parser().parse_args(argv)
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
-    return reported(lambda: _run(arguments), arguments.out)
+    return reported(_run(arguments), arguments.out)
 
 
-def _run(arguments: argparse.Namespace) -> str:
+def _run(arguments: argparse.Namespace) -> Iterator[str]:
     if not arguments.scenarios and not arguments.tasks:
         raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
     folder: Path = arguments.out
@@ -73,7 +74,7 @@ def _run(arguments: argparse.Namespace) -> str:
     benchmark.run(tasks + drawn_tasks(arguments.tasks), arguments.jobs)
     summary = summarise(benchmark.runs)
     write_atomically(folder / "summary.md", summary)
-    return summary
+    yield summary
 
 
 if __name__ == "__main__":

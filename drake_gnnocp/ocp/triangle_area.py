@@ -152,19 +152,19 @@ def _nearest(
         near: [m].
     """
     n = points.shape[1]
-    size = np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=1) / 2
     rows = Rows(
         np.repeat(knot, n),
         points.reshape(-1, 2),
         np.repeat(rings, n, axis=0),
         np.full(len(knot) * n, is_car),
         np.zeros(len(knot) * n),
-        np.repeat(size, n),
+        np.ones(len(knot) * n),
     )
     seen = _points(rows, poses[rows.knot])
     excess, _ = excess_area(seen, rows.ring)
     distance = np.where(excess > 0, _distance(seen, rows.ring), 0.0)
-    length = np.divide(excess, distance, out=rows.length, where=distance > TOUCHING)
+    length = np.repeat(np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=1) / 2, n)
+    np.divide(excess, distance, out=length, where=distance > TOUCHING)
     of_pair = np.where(is_point, distance.reshape(-1, n), np.inf)
     nth = np.sort(of_pair, axis=1)[:, [min(POINTS_PER_PAIR, n) - 1]]
     keep = np.flatnonzero((of_pair <= nth) & (of_pair < near))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser, count, reported, seconds
 from drake_gnnocp.ocp_benchmark.benchmark import Settings, library_tasks, random_tasks, run_benchmark
 from drake_gnnocp.ocp_benchmark.methods import CASADI, DRAKE, METHODS, TUTORIAL
+from drake_gnnocp.ocp_benchmark.runs import RunsError
 from drake_gnnocp.ocp_benchmark.summary import summarise
 from drake_gnnocp.trajectory import write_atomically
 
@@ -79,13 +81,13 @@ def main(argv: list[str] | None = None) -> int:
     tasks = library_tasks() if arguments.library else random_tasks(arguments.seed, arguments.tasks)
     settings = Settings(arguments.knots, arguments.max_seconds, arguments.search_seconds)
 
-    def run() -> str:
+    def run() -> Iterator[str]:
         folder.mkdir(parents=True, exist_ok=True)
         summary = summarise(run_benchmark(tasks, methods_of, arguments.perturb, settings, folder))
         write_atomically(folder / "summary.md", summary)
-        return summary
+        yield summary
 
-    return reported(run, folder)
+    return reported(run(), folder, RunsError)
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def main(argv: list[str] | None = None) -> int:
     settings = Settings(arguments.max_seconds, weights=arguments.weights)
     wanted = Wanted(arguments.tasks, arguments.repeat, settings, arguments.out)
     names = dict.fromkeys(arguments.names or TABLES)
-    return reported(lambda: "\n".join(make_table(name, wanted) for name in names), wanted.out)
+    return reported((make_table(name, wanted) for name in names), wanted.out)
 
 
 def make_table(name: str, wanted: Wanted) -> str:
