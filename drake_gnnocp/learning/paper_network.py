@@ -1,4 +1,4 @@
-r"""The network of the paper (configuration `paper`), in pure torch, dense and masked.
+r"""The network of the paper (configuration `paper`), in pure torch.
 
 Every obstacle is a subgraph of its vectors, start and goal are one more subgraph. Three layers of
 
@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn.functional import smooth_l1_loss
 
 from drake_gnnocp.learning.losses import LossParts
-from drake_gnnocp.learning.network import LENGTH, Prediction, masked_max, mlp
+from drake_gnnocp.learning.network import LENGTH, Prediction, mlp
 from drake_gnnocp.learning.scene import Scene
 from drake_gnnocp.vehicle import State
 
@@ -37,16 +37,16 @@ class PaperConfig:
 
 
 class Fusion(nn.Module):
-    """One round of eq. 1 on nodes (..., N, inputs): (..., N, 2 hidden)."""
+    """One round of eq. 1: from nodes (N, inputs) to (N, 2 hidden)."""
 
     def __init__(self, inputs: int, hidden: int) -> None:
         super().__init__()
         self.mlp = mlp(inputs, hidden, hidden, hidden)
 
-    def forward(self, nodes: Tensor, mask: Tensor) -> Tensor:
-        """Own features beside those of all nodes of the graph, of nodes with mask (..., N)."""
+    def forward(self, nodes: Tensor, graph: Tensor, n_graphs: int) -> Tensor:
+        """Own features beside the largest of the same graph; graph (N,) tells which of n_graphs a node belongs to."""
         own = self.mlp(nodes)
-        return torch.cat([own, masked_max(own, mask)[..., None, :].expand_as(own)], dim=-1)
+        return torch.cat([own, largest(own, graph, n_graphs)[graph]], dim=-1)
 
 
 class PaperNetwork(nn.Module):
@@ -65,12 +65,16 @@ class PaperNetwork(nn.Module):
     def forward(self, scene: Scene, ranks: slice = slice(None)) -> Prediction:
         """One trajectory a scene (K = 1), which has rank 0."""
         vectors, mask = task_graph(scene)  # (B, 1 + J, E, 6)
+        here = mask.any(dim=-1)
+        scene_of, n_subgraphs = here.nonzero()[:, 0], int(here.sum())
+        subgraph_of = torch.arange(n_subgraphs, device=mask.device).repeat_interleave(mask.sum(dim=-1)[here])
+        nodes = vectors[mask]
         for layer in self.subgraph:
-            vectors = layer(vectors, mask)
-        nodes, here = masked_max(vectors, mask), mask.any(dim=-1)  # (B, 1 + J, 2 hidden)
+            nodes = layer(nodes, subgraph_of, n_subgraphs)
+        nodes = largest(nodes, subgraph_of, n_subgraphs)
         for layer in self.graph:
-            nodes = layer(nodes, here)
-        feature = masked_max(nodes, here)  # (B, 2 hidden)
+            nodes = layer(nodes, scene_of, len(scene))
+        feature = largest(nodes, scene_of, len(scene))  # (B, 2 hidden)
         columns = torch.stack([head(feature) for head in self.heads], dim=-1)  # (B, T, 5)
         states = columns * columns.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
         score = states.new_zeros(len(scene), 1)
@@ -83,6 +87,13 @@ class PaperNetwork(nn.Module):
         loss = smooth_l1_loss(found / unit, states / unit, beta=0.1)
         position = torch.linalg.norm((found - states)[..., :2], dim=-1).mean()
         return {"loss": loss, "position": position.detach()}
+
+
+def largest(nodes: Tensor, graph: Tensor, n_graphs: int) -> Tensor:
+    """Largest of the nodes (N, D) of each graph: (n_graphs, D); graph (N,) tells which one a node belongs to."""
+    # not segment_reduce: where several are the largest, its gradient counts each of them in full (torch 2.13)
+    found = nodes.new_empty(n_graphs, nodes.shape[1])
+    return found.scatter_reduce(0, graph[:, None].expand_as(nodes), nodes, "amax", include_self=False)
 
 
 def _duration(states: Tensor) -> Tensor:
