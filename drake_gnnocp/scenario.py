@@ -111,6 +111,12 @@ class Scenario:
         """The rings of `convex_obstacles`, in their order, as polygons."""
         return tuple(shapely.Polygon(ring) for ring in self.convex_obstacles)
 
+    @cached_property
+    def end_clearances(self) -> np.ndarray:
+        """Distances of the `convex_obstacles` from the car at start and goal, the smaller of the two: (J,) [m]."""
+        ends = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
+        return shapely.distance(np.array(self.convex_polygons, dtype=object)[:, None], ends).min(axis=1)
+
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
 

@@ -19,7 +19,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, SolverOptions
 
 from drake_gnnocp.ocp.cost import convex_proximity, proximity
@@ -254,9 +253,7 @@ def _guarded(scenario: Scenario, problem: ProblemOptions) -> tuple[ConvexRings, 
 
     No obstacle is asked for more than it leaves at start and goal: the knots next to them cannot have it.
     """
-    ends = shapely.polygons(scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal])))
-    at_ends = shapely.distance(np.array(scenario.convex_polygons, dtype=object)[:, None], ends).min(axis=1)
-    margins = np.minimum(problem.guess_share * at_ends, problem.margin)
+    margins = np.minimum(problem.guess_share * scenario.end_clearances, problem.margin)
     obstacles = scenario.convex_obstacles
     if scenario.bounds is not None:
         xmin, xmax, ymin, ymax = scenario.bounds

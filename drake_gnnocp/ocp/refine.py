@@ -191,7 +191,7 @@ def _fitted_to_start(options: RefineOptions, stepped: ConvexSteps, guess: Trajec
 def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions:
     """Gaps and margins no larger than what start and goal allow."""
     ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
-    allowed = options.end_share * min_clearance(scenario, ends)
+    allowed = options.end_share * float(scenario.end_clearances.min(initial=math.inf))
     inside = options.end_share * max(0.0, -_beyond_bounds(scenario, ends))
     problem = replace(
         options.problem,
