@@ -53,6 +53,11 @@ def _at_most(most: float, meaning: str, text: str) -> float:
     return value
 
 
+def first_line(error: Exception) -> str:
+    """What an error says, in one short line."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+
+
 def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueError) -> int:
     """Print the texts that a command makes, as they come; what is wrong with its input is one line on stderr.
 

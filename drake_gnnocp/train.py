@@ -9,9 +9,16 @@ from pathlib import Path
 
 import torch
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, share
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, first_line, positive, share
 from drake_gnnocp.dataset.generate import DatasetError, load_dataset
-from drake_gnnocp.learning.checkpoint import CONFIGS, Network, config_of, load_weights, new_network, save_weights
+from drake_gnnocp.learning.checkpoint import (
+    CONFIGS,
+    Network,
+    config_of,
+    load_weights,
+    new_network,
+    save_weights,
+)
 from drake_gnnocp.learning.comparison import comparison
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.overrides import override
@@ -37,15 +44,15 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/training/CONFIG)")
     start = "weights to begin with, of a network of the same sizes (default: random ones)"
     add("--from", type=Path, dest="start", metavar="FILE", help=start)
-    add("--epochs", type=count, metavar="N", help="passes over the dataset (default: the configuration's)")
+    add("--epochs", type=positive, metavar="N", help="passes over the dataset (default: the configuration's)")
     add("--share", type=share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")
     add("--seed", type=count, default=0, metavar="N", help="seed of weights and batches (default: %(default)s)")
     changes = "other sizes of the network, weights of the losses or options, such as hypotheses=1 kinematics=0 batch=32"
     add("--set", type=_setting, nargs="+", default=[], metavar="NAME=X", help=changes)
     add("--device", default="cpu", metavar="NAME", help="cpu, cuda, ... (default: %(default)s)")
     add("--threads", type=count, default=0, metavar="N", help="threads of torch (default: its own choice)")
-    add("--check-every", type=count, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
-    add("--check-tasks", type=count, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    add("--check-every", type=positive, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
+    add("--check-tasks", type=positive, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
     compare = "train nothing; print a table of the trainings whose folders are in DIR"
     add("--compare", type=Path, metavar="DIR", help=compare)
     return parser
@@ -79,10 +86,10 @@ def main(argv: list[str] | None = None) -> int:
         if settings:
             raise ValueError(f"--set: {', '.join(settings)}: no size of this network, loss or option")
         folder.mkdir(parents=True, exist_ok=True)
-        with torch.device(arguments.device):
+        with _device(arguments.device):
             run_training(config, folder, options, arguments)
-    except (DatasetError, ValueError, RuntimeError) as error:
-        print(str(error).splitlines()[0], file=sys.stderr)
+    except ValueError as error:
+        print(first_line(error), file=sys.stderr)
         return BAD_INPUT
     except OSError as error:
         print(f"{error.filename or folder}: {error.strerror}", file=sys.stderr)
@@ -91,23 +98,33 @@ def main(argv: list[str] | None = None) -> int:
     return DONE
 
 
+def _device(name: str) -> torch.device:
+    try:
+        return torch.zeros(0, device=name).device
+    except (AssertionError, RuntimeError) as error:  # the former where torch was built without it
+        raise ValueError(f"--device: {first_line(error)}") from None
+
+
 def run_training(
     config: NetworkConfig | PaperConfig, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
 ) -> Progress:
     """Train with a check by planning now and then; the best weights are kept."""
     records = load_dataset(arguments.data)
     learned = [record for record in records if record.split == "train"]
-    learned = learned[: max(1, round(arguments.share * len(learned)))]
+    learned = [learned[int(i / arguments.share)] for i in range(max(1, int(arguments.share * len(learned))))]
     unseen = [record for record in records if record.split == "validation"]
     torch.manual_seed(options.seed)
-    network = new_network(config)
+    try:
+        network = new_network(config)
+    except (AssertionError, RuntimeError, ValueError) as error:
+        raise ValueError(f"--set: no network has these sizes: {first_line(error)}") from None
     if arguments.start:
         network.load_state_dict(started_from(arguments.start, config))
     points = network.config.points
     tasks = validation_tasks(unseen, arguments.check_tasks)
 
     def after_epoch(network: Network, progress: Progress) -> dict[str, float]:
-        due = progress.epoch % max(1, arguments.check_every) == 0 or progress.epoch == options.epochs
+        due = progress.epoch % arguments.check_every == 0 or progress.epoch == options.epochs
         if not due or not tasks:
             return {}
         quality = planning_quality(network, tasks)
@@ -121,7 +138,8 @@ def run_training(
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
     if not len(training) or not len(validation):
         raise DatasetError(f"{arguments.data}: needs trajectories on training and on validation maps")
-    progress = train(network, training, validation, options, folder, after_epoch)
+    origin = {"data": str(arguments.data), "trajectories": len(training), "from": str(arguments.start or "")}
+    progress = train(network, training, validation, options, folder, after_epoch, origin)
     save_curves_picture(progress.rows, folder / "curves.png")
     return progress
 

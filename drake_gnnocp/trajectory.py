@@ -42,6 +42,11 @@ class Trajectory:
         return float(self.t[-1] - self.t[0])
 
     @property
+    def path_length(self) -> float:
+        """Length of the straight lines from knot to knot [m]."""
+        return float(np.linalg.norm(np.diff(self.poses[:, :2], axis=0), axis=1).sum())
+
+    @property
     def poses(self) -> np.ndarray:
         """(N, 3) x, y, theta [m, m, rad]."""
         return self.states[:, : State.V]

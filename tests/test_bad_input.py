@@ -211,7 +211,6 @@ def test_a_network_without_weights_is_refused(
 ) -> None:
     name = write(tmp_path / "good.json", GOOD)
     monkeypatch.setattr(guess_module, "bundled_weights", lambda *_: Path("nowhere.pt"))
-    guess_module.load_network.cache_clear()
     line = complaint([name, "--guess", "gnn"], capsys)
     assert line == "guess: 'gnn' needs trained weights: nowhere.pt: No such file or directory"
 

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,8 @@ from drake_gnnocp.ocp.ipopt import IpoptOptions
 from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
 from drake_gnnocp.plan.guess import bundled_weights
 from drake_gnnocp.row_files import RunsError, read_rows
+from drake_gnnocp.tasks.draw import kind_of
+from drake_gnnocp.tasks.place import KINDS
 
 PAPER_TEX = Path(__file__).parents[2] / "shared" / "paper" / "paper.tex"
 ROUNDING = 1e-9  # relative, sums of 120 doubles
@@ -167,7 +170,9 @@ def test_a_direct_method_makes_one_attempt(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_random_tasks_are_on_test_maps_one_of_each_before_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(TEST_MAPS) == 80 and {split_of(index) for index in TEST_MAPS} == {"test"}
-    monkeypatch.setattr(tasks_module, "TEST_MAPS", TEST_MAPS[:3])
+    assert Counter(map(kind_of, TEST_MAPS)) == {"open": 54, "car_park": 13, "yard": 13}
+    assert set(map(kind_of, TEST_MAPS[:7])) == set(KINDS)
+    monkeypatch.setattr(tasks_module, "TEST_MAPS", (9, 19, 29))
     tasks = drawn_tasks(4)
     maps_and_pairs = [task.scenario.name.split("_")[-2:] for task in tasks]
     assert maps_and_pairs == [["0009", "00"], ["0019", "00"], ["0029", "00"], ["0009", "01"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,11 +56,8 @@ def untrained(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def without_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def without_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guess, "bundled_weights", lambda: tmp_path / "missing.pt")
-    guess.load_network.cache_clear()
-    yield
-    guess.load_network.cache_clear()
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +12,18 @@ import pytest
 
 from drake_gnnocp.dataset import improve as module
 from drake_gnnocp.dataset.__main__ import main
-from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, load_map
+from drake_gnnocp.dataset.generate import (
+    DatasetError,
+    DatasetSettings,
+    check_settings,
+    load_dataset,
+    load_map,
+    make_map,
+    settings_of,
+)
 from drake_gnnocp.dataset.improve import ImproveOptions, improved_label
 from drake_gnnocp.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
+from drake_gnnocp.dataset.records import save_records
 from drake_gnnocp.plan.guess import GuessOptions, straight_guess
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -63,7 +73,29 @@ def test_a_label_that_is_as_cheap_stays() -> None:
 
 def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="map 3 of 800 is not there"):
-        load_map(tmp_path, DatasetSettings(), 3)
+        load_map(tmp_path, DatasetSettings(maps=800), 3)
+
+
+def test_a_whole_dataset_is_improved_with_its_own_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "before").mkdir()
+    before, after = tmp_path / "before", tmp_path / "after"
+    command = ["--improve", str(before), "--out", str(after), "--jobs", "1"]
+    assert main(command) == 2 and "before/settings.json" in capsys.readouterr().err
+    check_settings(before, DatasetSettings(seed=7, maps=2, pairs=1))
+    (before / "shards").mkdir()
+    records = [make_map(DatasetSettings(seed=7, maps=2, pairs=1), index) for index in range(2)]
+    save_records(before / "shards" / "shard_000.npz", records)
+    assert main(command) == 0
+    assert settings_of(after) == settings_of(before)
+    assert [record.index for record in load_dataset(after)] == [0, 1]
+
+
+def test_a_cluster_that_is_not_there_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["--dask", "tcp://nowhere:1", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("--dask: tcp://nowhere:1: ")
 
 
 def test_a_dataset_is_not_improved_in_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

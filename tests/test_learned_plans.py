@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
+import os
+import shutil
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +20,15 @@ from drake_gnnocp.ocp.convex_step import ConvexSteps
 from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.plan import guess as guess_module
 from drake_gnnocp.plan import strategies as strategies_module
-from drake_gnnocp.plan.guess import GuessOptions, GuessUnavailable, check_available, gnn_guesses, straight_guess
+from drake_gnnocp.plan.guess import (
+    GuessOptions,
+    GuessUnavailable,
+    bundled_weights,
+    check_available,
+    gnn_guesses,
+    load_network,
+    straight_guess,
+)
 from drake_gnnocp.plan.learned import Candidate, settled_hypotheses
 from drake_gnnocp.plan.strategies import PlanOptions
 
@@ -81,15 +92,30 @@ def test_auto_goes_on_without_weights(
     with caplog.at_level(logging.WARNING):
         result = plan(scenario)
     assert result.verified and result.guess_source == "hybrid_astar"
-    assert "no trained weights" in caplog.text
+    assert "needs trained weights; going on with Hybrid A*" in caplog.text
     with pytest.raises(GuessUnavailable, match="weights"):
         check_available("gnn")
+
+
+def test_weights_that_are_named_must_be_there(scenario: Scenario) -> None:
+    options = PlanOptions(guess=GuessOptions(weights=Path("typo.pt")))
+    with pytest.raises(GuessUnavailable, match=r"typo\.pt"):
+        plan(scenario, options=options)
+
+
+def test_weights_that_changed_are_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "best.pt"
+    shutil.copy(bundled_weights(), path)
+    before = load_network(path)
+    assert load_network(path) is before
+    os.utime(path, ns=(0, 0))
+    assert load_network(path) is not before
 
 
 @pytest.mark.parametrize("horizon", ["free", 40.0])
 def test_the_learned_guess_serves_other_horizons(scenario: Scenario, horizon: float | str) -> None:
     result = plan(scenario, "gnn", horizon=horizon, options=PlanOptions(other_searches=()))
-    assert result.trajectory is not None
+    assert result.verified and result.trajectory is not None
     if horizon != "free":
         assert result.trajectory.duration == pytest.approx(horizon)
 

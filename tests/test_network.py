@@ -23,11 +23,12 @@ from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryN
 from drake_gnnocp.learning.paper_network import PaperConfig
 from drake_gnnocp.learning.samples import Batch
 from drake_gnnocp.learning.scene import Scene, mirrored, scene_of
+from drake_gnnocp.learning.surroundings import nearest, nearest_obstacles
 from drake_gnnocp.learning.training import loss_of
-from drake_gnnocp.scenario import Scenario, bundled_scenarios
+from drake_gnnocp.scenario import Scenario
 
 SAME = 2e-3  # m and rad: float32 on tens of metres through some 20 layers
-SCENES = ("map_a", "map_c", "yard", "gate")
+SCENES = ("map_a", "map_c", "courtyard", "narrow_gate")
 
 
 @pytest.fixture(params=CONFIGS)
@@ -40,7 +41,7 @@ def network(request: pytest.FixtureRequest) -> Network:
 
 
 def known_scenes() -> list[Scenario]:
-    return [Scenario.load(name) for name in SCENES if name in bundled_scenarios()]
+    return [Scenario.load(name) for name in SCENES]
 
 
 def predict(network: Network, scenario: Scenario) -> Prediction:
@@ -167,8 +168,30 @@ def labelled_batch(n: int, points: int) -> Batch:
 
 def test_gradients_reach_all_parameters(network: Network) -> None:
     loss_of(network, labelled_batch(4, network.config.points), LossWeights())["loss"].backward()
-    unreached = [name for name, parameter in network.named_parameters() if parameter.grad is None]
+    unreached = [
+        name for name, parameter in network.named_parameters() if parameter.grad is None or not parameter.grad.any()
+    ]
     assert unreached == []
+
+
+def test_what_is_outside_far_away_is_outside() -> None:
+    corners = 3.3 + np.array([[0.0, 0.0], [4.1, 0.3], [0.7, 2.9]])  # with acute corners
+    edges = torch.tensor(np.hstack([corners, np.roll(corners, -1, axis=0)])).float()[None, None]
+    angle, distance = torch.meshgrid(torch.linspace(0, 2 * math.pi, 721), torch.logspace(1, 2, 20), indexing="ij")
+    points = torch.stack([distance * torch.cos(angle), distance * torch.sin(angle)], dim=-1).reshape(1, -1, 2)
+    _, side = nearest(points, edges, torch.ones(1, 1, 3, dtype=torch.bool))
+    assert (side == 1).all()
+
+
+def test_a_wall_beside_the_car_counts_as_nearer_than_blocks_farther_off() -> None:
+    wall = torch.tensor([[[-50.0, 1.5, 50.0, 1.5]]])  # one edge, its ends far away
+    corner = 5.0 * torch.arange(12.0)[:, None]
+    block = torch.cat([corner, torch.full_like(corner, 4.0), corner + 1, torch.full_like(corner, 4.0)], dim=1)
+    edges = torch.cat([block[:, None], wall])[None]
+    scene = Scene(edges, torch.ones(1, 13, 1, dtype=torch.bool), torch.zeros(1, 3), torch.zeros(1, 8))
+    poses = torch.zeros(1, 5, 3)
+    poses[..., 0] = torch.linspace(0.0, 10.0, 5)
+    assert sorted(nearest_obstacles(poses, scene, 4)[0].tolist()) == [0, 1, 2, 12]
 
 
 @pytest.mark.parametrize(

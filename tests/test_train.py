@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -20,6 +21,8 @@ from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.learning.samples import Samples
 from drake_gnnocp.learning.surroundings import nearest
 from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
+from drake_gnnocp.plan import quality
+from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.train import main
 from drake_gnnocp.vehicle import Vehicle
 
@@ -46,7 +49,9 @@ def small_network() -> Network:
     return PaperNetwork(PaperConfig(hidden=16))
 
 
-def test_the_command_trains_and_keeps_the_best_weights(data: Path, tmp_path: Path) -> None:
+def test_the_command_trains_keeps_the_best_weights_and_goes_on_only_where_nothing_changed(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = ["--config", "paper", "--data", str(data), "--out", str(tmp_path), "--epochs", "2", "--threads", "1"]
     assert main([*command, "--check-every", "2", "--check-tasks", "1"]) == 0
     rows = list(csv.DictReader((tmp_path / "curves.csv").read_text(encoding="utf-8").splitlines()))
@@ -56,7 +61,16 @@ def test_the_command_trains_and_keeps_the_best_weights(data: Path, tmp_path: Pat
     _, about = load_weights(tmp_path / "best.pt")
     assert about["epoch"] == 2 and about["maps"] == 8
     assert main([*command, "--check-every", "2", "--check-tasks", "1"]) == 0  # nothing is left to do
-    assert main([*command[:-4], "--epochs", "3"]) == 2  # begun with other options
+    capsys.readouterr()
+    for other, named in ((["--epochs", "3"], "epochs 2"), (["--share", "0.5"], "trajectories")):
+        assert main([*command, *other]) == 2
+        assert named in capsys.readouterr().err
+    weights = str(tmp_path / "best.pt")
+    assert main([*command, "--from", weights]) == 2 and "from" in capsys.readouterr().err
+    (tmp_path / "last.pt").write_bytes(b"nothing")
+    assert main(command) == 2 and "last.pt: not a training" in capsys.readouterr().err
+    (tmp_path / "last.pt").unlink()
+    assert main([*command, "--from", weights, "--epochs", "1"]) == 0
 
 
 def test_a_training_that_was_stopped_ends_where_an_unbroken_one_does(samples: Samples, tmp_path: Path) -> None:
@@ -113,7 +127,15 @@ def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--data", "nowhere"], ["--share", "0"], ["--epochs", "-1"], ["--config", "other"]]
+    "arguments",
+    [
+        ["--data", "nowhere"],
+        ["--share", "0"],
+        ["--epochs", "0"],
+        ["--config", "other"],
+        ["--device", "nowhere"],
+        ["--from", "nowhere.pt"],
+    ],
 )
 def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:
@@ -152,3 +174,15 @@ def test_trainings_are_compared_by_their_last_check(capsys: pytest.CaptureFixtur
     assert main(["--compare", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[2:] == ["| base | 2 | 1.5 | 90% | 70% | 3 | 20 |", "| other | 2 | 1.5 | 80% | 70% | 3 | 20 |"]
+
+
+def test_planning_quality_counts_every_verified_plan_and_no_failure_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    def plan_of(verified: bool, iterations: int) -> SimpleNamespace:
+        rounds = (SimpleNamespace(iterations=iterations, convex_steps=3),)
+        return SimpleNamespace(rounds=rounds, verification=SimpleNamespace(verified=verified))
+
+    plans = iter([(0, plan_of(True, 1)), (11, plan_of(True, 150)), (0, plan_of(False, 5)), (12, None)])
+    monkeypatch.setattr(quality, "_planned", lambda *_: next(plans))
+    found = quality.planning_quality(small_network(), [Scenario.load("map_a")] * 4)
+    assert found["plan_verified"] == 0.5 and found["plan_first"] == 0.5 and found["plan_iterations"] == 5
+    assert found["plan_badness"] == pytest.approx((4 + 3 * quality.FAILURE) / 4)

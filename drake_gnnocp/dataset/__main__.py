@@ -11,9 +11,9 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, first_line
 from drake_gnnocp.dataset.datasheet import write_datasheet
-from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
+from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset, settings_of
 from drake_gnnocp.dataset.improve import ImproveOptions, improving
 from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.single_thread import single_threaded_children
@@ -49,7 +49,9 @@ def _parser() -> argparse.ArgumentParser:
         help="processes (default: %(default)s, the cores)",
     )
     add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
-    improve = "solve the tasks of the dataset in DIR again, from a network's hypotheses, and keep the cheaper plans"
+    improve = (
+        "solve the tasks of the dataset in DIR, all of them, again from a network's hypotheses; keep cheaper plans"
+    )
     add("--improve", type=Path, metavar="DIR", help=improve)
     add("--weights", type=Path, metavar="FILE", help="weights for --improve (default: those of the package)")
     out = Path("artifacts") / "dataset"
@@ -63,21 +65,26 @@ def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
         with single_threaded_children(), ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor:
             yield executor
         return
-    from distributed import Client  # an extra: most users need one machine
+    try:
+        from distributed import Client  # an extra: most users need one machine
 
-    with Client(dask) as client:
+        client = Client(dask)
+    except (ImportError, OSError, ValueError) as error:
+        raise DatasetError(f"--dask: {dask}: {first_line(error)}") from None
+    with client:
         yield client.get_executor(pure=False)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
-    settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
     improve: Path | None = arguments.improve
     if improve and improve.resolve() == arguments.out.resolve():
         print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
         return BAD_INPUT
     try:
+        settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
+        settings = settings_of(improve) if improve else settings
         make = improving(improve, ImproveOptions(arguments.weights)) if improve else None
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
             generate(settings, tuple(arguments.kinds), arguments.out, executor, make)

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from drake_gnnocp.dataset.label import LEARNED, OUTCOMES, LabelOptions
 from drake_gnnocp.dataset.records import SPLITS, MapRecord
 from drake_gnnocp.pictures import style
+from drake_gnnocp.tasks.draw import PAPER_MAPS
 from drake_gnnocp.tasks.place import KINDS
 from drake_gnnocp.trajectory import Trajectory, write_atomically
 from drake_gnnocp.vehicle import State
@@ -51,7 +52,7 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
         (
             trajectory.duration,
             float(np.hypot(*(task.goal - task.start)[:2])),
-            _path_length(trajectory),
+            trajectory.path_length,
             _gear_changes(trajectory),
             label.cost,
             len(record.place.obstacles),
@@ -61,10 +62,6 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
         if (trajectory := label.trajectory) is not None
     ]
     return Numbers(*np.array(rows, dtype=float).reshape(-1, 6).T)
-
-
-def _path_length(trajectory: Trajectory) -> float:
-    return float(np.linalg.norm(np.diff(trajectory.poses[:, :2], axis=0), axis=1).sum())
 
 
 def _gear_changes(trajectory: Trajectory) -> int:
@@ -84,23 +81,28 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
         "## How it was made",
         "",
         "`python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two",
-        "of three maps are open ones with rectangles and irregular polygons on 40 m x 40 m, as in the paper; the third",
-        "is a car park or a yard, half of these with a car of other size and limits. Every task is searched by Hybrid",
-        f"A*, timed gently with {options.slack:g} times the duration of its speed plan, optimised on 120 knots, kept",
-        "if the independent dense check has verified the plan. Time limits are "
-        f"{options.search_seconds:g} s for the search and {options.solve_seconds:g} s for the",
+        f"of three of the first {PAPER_MAPS} maps are open ones with rectangles and irregular polygons on 40 m x 40 m,",
+        "as in the paper; the third, and every map after them, is a car park or a yard, half of these with a car of",
+        f"other size and limits. Every task is searched by Hybrid A*, timed gently with {options.slack:g} times the",
+        "duration of its speed plan, optimised on 120 knots, kept if the independent dense check has verified the",
+        f"plan. Time limits are {options.search_seconds:g} s for the search and {options.solve_seconds:g} s for the",
         f"solver, so which tasks fail depends a little on the machine ({platform.machine()}).",
         "",
         *_improvement(records),
         "## What is in it",
         "",
         f"{len(records)} maps, {attempted} tasks, **{len(numbers.costs)} verified trajectories**, {size / 1e6:.1f} MB.",
-        "Maps, never samples, are split: of ten consecutive maps the ninth is for validation, the tenth for the test.",
+        "Maps, never samples, are split: of ten consecutive maps eight are for training, one for validation, one for",
+        "the test.",
         "",
         "| maps | " + " | ".join(("number", "tasks", *OUTCOMES)) + " |",
         "|---" * (3 + len(OUTCOMES)) + "|",
         *(_row(kind, [r for r in records if r.place.kind == kind]) for kind in KINDS),
-        *(_row(split, [r for r in records if r.split == split]) for split in SPLITS),
+        *(
+            _row(f"{split}: {kind}", [r for r in records if (r.split, r.place.kind) == (split, kind)])
+            for split in SPLITS
+            for kind in KINDS
+        ),
         _row("**all**", list(records)),
         "",
         "| of a kept trajectory | 5 % | median | 95 % |",

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from drake_gnnocp.dataset.label import LabelOptions, label
 from drake_gnnocp.dataset.records import MapRecord, load_records, save_records
-from drake_gnnocp.tasks.draw import draw_place, draw_tasks, kind_of
+from drake_gnnocp.tasks.draw import PAPER_MAPS, draw_place, draw_tasks, kind_of
 from drake_gnnocp.trajectory import write_atomically
 
 logger = logging.getLogger(__name__)
@@ -31,11 +31,11 @@ class DatasetError(ValueError):
 
 @dataclass(frozen=True)
 class DatasetSettings:
-    """What is drawn; the numbers are the paper's."""
+    """What is drawn."""
 
     seed: int = 0
-    maps: int = 800
-    pairs: int = 15  # of start and goal, on each map
+    maps: int = PAPER_MAPS + 260
+    pairs: int = 15  # of start and goal, on each map; the paper's
 
 
 MakeMap = Callable[[DatasetSettings, int], MapRecord]
@@ -140,6 +140,19 @@ def check_settings(folder: Path, settings: DatasetSettings) -> None:
     elif (found := path.read_text(encoding="utf-8", errors="replace")) != text:
         there = " ".join(found.split())
         raise DatasetError(f"{path}: the dataset here was made with {there}; choose another --out")
+
+
+def settings_of(folder: Path) -> DatasetSettings:
+    """The settings of the dataset in a folder.
+
+    Raises:
+        DatasetError: there is none.
+    """
+    path = folder / "settings.json"
+    try:
+        return DatasetSettings(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: not the settings of a dataset: {error}") from None
 
 
 def _missing(folder: Path, settings: DatasetSettings) -> list[int]:

@@ -53,7 +53,7 @@ def label(scenario: Scenario, options: LabelOptions) -> Label:
     found = hybrid_astar_guess(local, options.guess, time.monotonic() + options.search_seconds).trajectory
     if found is None:
         return Label(NO_PATH)
-    if options.slack * found.duration > options.longest:
+    if options.slack * found.duration > options.longest or len(found) != options.guess.n_knots:
         return Label(TOO_LONG)
     guess = gently_timed(found, options.slack * found.duration, local.vehicle)
     plan = optimise(local, guess, options.refine, time.monotonic() + options.solve_seconds)

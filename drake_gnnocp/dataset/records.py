@@ -5,7 +5,7 @@ Maps are stored in `.npz` files, one or many a file, as arrays without pickled o
     map_*       one row a map: index, kind, area, vehicle, number of rings, slots and tasks
     ring_size, vertices, slots                     rings and slots of all maps one after the other
     task_*      one row a task: start, goal, outcome, cost, iterations, rounds, source
-    duration, knots                                one row a task whose outcome is "kept", float32
+    duration, knots                                one row a task whose outcome is "kept"; knots are float32
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from drake_gnnocp.dataset.label import KEPT, SEARCHED, Label
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.tasks.draw import PAPER_MAPS
 from drake_gnnocp.tasks.place import Place
 from drake_gnnocp.trajectory import Trajectory, write_atomically
 from drake_gnnocp.vehicle import Vehicle
@@ -36,13 +37,18 @@ class MapRecord:
 
     @property
     def split(self) -> str:
-        """One of SPLITS: maps, never samples, are split 80 / 10 / 10."""
+        """One of SPLITS: maps, never samples, are split."""
         return split_of(self.index)
 
 
 def split_of(index: int) -> str:
-    """The split of map `index`: of ten maps the last but one is for validation and the last for the test."""
-    return {8: "validation", 9: "test"}.get(index % 10, "train")
+    """The split of map `index`: of ten maps two are for validation and for the test.
+
+    Of the paper's maps those for validation are open ones and car parks, those for the test open ones and yards. Of the
+    maps after them it is the other way round, so that there is every kind in every split.
+    """
+    held_out = ("validation", "test") if index < PAPER_MAPS else ("test", "validation")
+    return {8: held_out[0], 9: held_out[1]}.get(index % 10, "train")
 
 
 def save_records(path: Path, records: list[MapRecord]) -> None:

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from drake_gnnocp.learning.samples import Batch
-from drake_gnnocp.learning.scene import Scene, into_frame
-from drake_gnnocp.learning.surroundings import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, nearest, stations
+from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene, into_frame
+from drake_gnnocp.learning.surroundings import nearest, stations
 
 STRANGERS = 4  # obstacles of another scene offered to each
 SHARE = 0.5  # of the scenes get some

@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from drake_gnnocp.command_line import first_line
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.trajectory import write_atomically
@@ -36,11 +37,6 @@ def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:
     kind = "default" if isinstance(network, TrajectoryNetwork) else "paper"
     content = {"kind": kind, "config": asdict(network.config), "about": about, "weights": network.state_dict()}
     save_atomically(path, content)
-
-
-def first_line(error: Exception) -> str:
-    """What an error says, in one short line."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
 
 
 def save_atomically(path: Path, content: dict[str, Any]) -> None:

@@ -19,8 +19,8 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy, smooth_l1_loss
 
 from drake_gnnocp.learning.network import NEIGHBOURS, TrajectoryNetwork, defects
-from drake_gnnocp.learning.scene import Scene, with_obstacles
-from drake_gnnocp.learning.surroundings import WIDTH, nearest, nearest_obstacles, stations
+from drake_gnnocp.learning.scene import WIDTH, Scene, with_obstacles
+from drake_gnnocp.learning.surroundings import nearest, nearest_obstacles, stations
 
 LossParts = dict[str, Tensor]  # "loss" is what is minimised, the rest are for the curves
 

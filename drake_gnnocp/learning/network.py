@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from drake_gnnocp.learning.scene import Scene, into_frame, with_obstacles
+from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, WHEELBASE, Scene, into_frame, with_obstacles
 from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -134,7 +134,7 @@ def composed(raw: Tensor, base: Tensor, scene: Scene) -> Tensor:
 
     Positions are corrected in units of LENGTH, headings in rad, v and phi on a tanh scale of their limits.
     """
-    limits = scene.vehicle[:, None, None, [4, 6]]  # v_max, phi_max
+    limits = scene.vehicle[:, None, None, [V_MAX, PHI_MAX]]
     pose = base[..., POSE] + raw[..., POSE] * raw.new_tensor([LENGTH, LENGTH, 1.0])
     before = torch.atanh((base[..., MOTION] / limits).clamp(-0.999, 0.999))
     motion = limits * torch.tanh(before + raw[..., MOTION])
@@ -207,7 +207,7 @@ def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
     before, after = torch.cat([zero, gap], dim=1), torch.cat([gap, zero], dim=1)
     goal = into_frame(states[..., :2], scene.goal)
     turn = theta - scene.goal[:, 2:]
-    v_max, phi_max = scene.vehicle[:, 4:5], scene.vehicle[:, 6:7]
+    v_max, phi_max = scene.vehicle[:, [V_MAX]], scene.vehicle[:, [PHI_MAX]]
     u = torch.linspace(0.0, 1.0, n).expand_as(x)
     change = torch.diff(states, dim=1, prepend=states[:, :1])[..., 3:]
     columns = [
@@ -229,7 +229,7 @@ def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
     """
     dt = (duration / (states.shape[-2] - 1))[..., None]
     left, right = states[..., :-1, :], states[..., 1:, :]
-    wheelbase = vehicle[:, 0].reshape(-1, *[1] * (states.dim() - 2))
+    wheelbase = vehicle[:, WHEELBASE].reshape(-1, *[1] * (states.dim() - 2))
     mean = (left + right) / 2
     theta, v = mean[..., State.THETA], mean[..., State.V]
     turn = left[..., State.V] * torch.tan(left[..., State.PHI]) + right[..., State.V] * torch.tan(right[..., State.PHI])

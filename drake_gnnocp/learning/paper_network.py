@@ -92,8 +92,9 @@ class PaperNetwork(nn.Module):
 def largest(nodes: Tensor, graph: Tensor, n_graphs: int) -> Tensor:
     """Largest of the nodes (N, D) of each graph: (n_graphs, D); graph (N,) tells which one a node belongs to."""
     # not segment_reduce: where several are the largest, its gradient counts each of them in full (torch 2.13)
-    found = nodes.new_empty(n_graphs, nodes.shape[1])
-    return found.scatter_reduce(0, graph[:, None].expand_as(nodes), nodes, "amax", include_self=False)
+    # and not from arbitrary numbers: one that happens to be the largest would get a share of the gradient
+    lowest = nodes.new_full((n_graphs, nodes.shape[1]), -torch.inf)
+    return lowest.scatter_reduce(0, graph[:, None].expand_as(nodes), nodes, "amax")
 
 
 def _duration(states: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ from drake_gnnocp.learning.checkpoint import Network
 from drake_gnnocp.learning.losses import disc_distance
 from drake_gnnocp.learning.network import Prediction, defects
 from drake_gnnocp.learning.scene import (
+    WIDTH,
     Scene,
     mirrored,
     out_of_frame,
@@ -20,7 +21,6 @@ from drake_gnnocp.learning.scene import (
     turned_around,
 )
 from drake_gnnocp.learning.spline import spline_matrices
-from drake_gnnocp.learning.surroundings import WIDTH
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
@@ -88,7 +88,7 @@ def _hypotheses(
         turns = torch.round(states[..., :1, 2] / (2 * torch.pi))
         states[..., 2] -= 2 * torch.pi * turns
     promise = ranking(replace(prediction, states=states), scene, weights)[0]
-    points, durations, rank = states[0].double().numpy(), prediction.duration[0].tolist(), promise.tolist()
+    points, durations, rank = states[0].double().cpu().numpy(), prediction.duration[0].tolist(), promise.tolist()
     return [(points[k], durations[k], rank[k]) for k in torch.argsort(promise, descending=True).tolist()]
 
 

@@ -21,6 +21,8 @@ from torch import Tensor
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
+WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)  # columns of `Scene.vehicle`
+
 
 @dataclass(frozen=True)
 class Scene:

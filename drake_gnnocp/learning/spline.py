@@ -29,7 +29,7 @@ def spline_matrices(points: int, knots: int) -> tuple[np.ndarray, np.ndarray]:
     u = np.linspace(0.0, 1.0, knots)
     i = np.minimum((u / d).astype(int), points - 2)
     t = (u / d - i)[:, None]
-    values, identity = np.zeros((knots, points)), np.eye(points)
+    identity = np.eye(points)
     values = (
         (1 + 2 * t) * (1 - t) ** 2 * identity[i]
         + t**2 * (3 - 2 * t) * identity[i + 1]

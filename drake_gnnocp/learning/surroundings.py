@@ -8,15 +8,15 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from drake_gnnocp.learning.scene import Scene
+from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene
 
 STATIONS = (0.0, 0.5, 1.0)  # of the way from the rear bumper's side to the front's, see `stations`
 SURROUNDINGS = 4 * len(STATIONS)  # nearest x, y, nearness and side, at each station
 FAR = 1e3  # m, stands for no obstacle
-TIE = 1e-4  # m^2, squared distances nearer than this are the same
+TIE, ROUNDING = 1e-4, 1e-5  # m^2 and relative: squared distances nearer than this are the same, in single precision
 TINY = 1e-12  # m^2, of an edge that is padding
+MEAN_SHARE = 1e-3  # of the mean distance in the order of obstacles by their least one
 NEAR = 2.0  # m, distances are seen as NEAR / (NEAR + distance)
-WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH = range(4)  # columns of `Scene.vehicle`
 
 
 def stations(poses: Tensor, vehicle: Tensor) -> Tensor:
@@ -66,21 +66,22 @@ def _nearest_edge(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, 
     least, which = distance.min(dim=-1)
     # at a corner two edges are nearest: the point is outside if it is outside of either
     outside = offset_x * along_y > along_x * offset_y
-    outside &= distance <= least[..., None] + TIE
+    outside &= distance <= ((1 + ROUNDING) * least + TIE)[..., None]
     return which, outside.any(dim=-1) * 2.0 - 1.0
 
 
 def nearest_obstacles(poses: Tensor, scene: Scene, most: int) -> Tensor:
-    """Which obstacles (B, at most `most`) come nearest to any of the poses (B, T, 3), by the circles around them."""
-    if scene.edges.shape[1] <= most:
-        return torch.arange(scene.edges.shape[1]).expand(len(scene), -1)
-    tails = scene.edges[..., :2]
-    low = tails.masked_fill(~scene.mask[..., None], FAR).amin(dim=2)  # (B, J, 2)
-    high = tails.masked_fill(~scene.mask[..., None], -FAR).amax(dim=2)
-    middle, radius = (low + high) / 2, torch.linalg.norm(high - low, dim=-1) / 2
-    gap = torch.cdist(poses[..., :2], middle).amin(dim=1) - radius
-    gap = gap.masked_fill(~scene.mask.any(dim=2), FAR)
-    return gap.topk(most, dim=1, largest=False).indices
+    """Which obstacles (B, at most `most`) come nearest to some of the poses (B, T, 3), every other one.
+
+    Of two that come as near, as walls do with their common corner, it is the one that is nearer in the mean.
+    """
+    n = scene.edges.shape[1]
+    if n <= most:
+        return torch.arange(n, device=poses.device).expand(len(scene), -1)
+    towards, side = nearest(poses[:, ::2, :2], scene.edges, scene.mask)
+    distance = side * torch.linalg.norm(towards, dim=-1)  # (B, T / 2, J)
+    order = distance.amin(dim=1) + MEAN_SHARE * distance.mean(dim=1)
+    return order.topk(most, dim=1, largest=False).indices
 
 
 def surroundings(poses: Tensor, scene: Scene) -> Tensor:

@@ -9,11 +9,13 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from drake_gnnocp.command_line import first_line
 from drake_gnnocp.learning.augment import with_strangers, with_walls
 from drake_gnnocp.learning.checkpoint import Network, save_atomically
 from drake_gnnocp.learning.losses import LossParts, LossWeights, network_loss
@@ -62,6 +64,7 @@ def train(
     options: TrainingOptions,
     folder: Path,
     after_epoch: Callable[[Network, Progress], dict[str, float]],
+    origin: dict[str, Any] | None = None,
 ) -> Progress:
     """Train a network, or go on where `folder` says the training was left.
 
@@ -72,9 +75,14 @@ def train(
         options: see `TrainingOptions`.
         folder: existing one for `last.pt` and `curves.csv`.
         after_epoch: called after every epoch; what it returns is added to the curves.
+        origin: what else the outcome depends on (texts and numbers), such as where the data is from.
+
+    Raises:
+        ValueError: the training in `folder` was begun with other options, sizes or origin, or cannot be read.
     """
+    settings = asdict(options) | asdict(network.config) | (origin or {})
     optimiser = torch.optim.AdamW(network.parameters(), options.learning_rate, weight_decay=options.weight_decay)
-    progress = _resumed(folder / "last.pt", network, optimiser, options)
+    progress = _resumed(folder / "last.pt", network, optimiser, settings)
     bar = tqdm(total=options.epochs, initial=progress.epoch, unit="epoch")
     while progress.epoch < options.epochs:
         generator = torch.Generator(device=training.duration.device).manual_seed(
@@ -102,7 +110,7 @@ def train(
         row |= after_epoch(network, progress)
         progress.rows.append(row)
         write_curves(folder / "curves.csv", progress.rows)
-        _save(folder / "last.pt", network, optimiser, options, progress)
+        _save(folder / "last.pt", network, optimiser, settings, progress)
         bar.update()
         bar.set_postfix_str(f"position error {row['validation_position']:.2f} m")
     bar.close()
@@ -152,10 +160,10 @@ def _add(sums: dict[str, float], parts: dict[str, Tensor], n: int) -> None:
 
 
 def _save(
-    path: Path, network: Network, optimiser: torch.optim.Optimizer, options: TrainingOptions, progress: Progress
+    path: Path, network: Network, optimiser: torch.optim.Optimizer, settings: dict[str, Any], progress: Progress
 ) -> None:
     content = {
-        "options": asdict(options),
+        "settings": settings,
         "epoch": progress.epoch,
         "rows": progress.rows,
         "weights": network.state_dict(),
@@ -164,13 +172,19 @@ def _save(
     save_atomically(path, content)
 
 
-def _resumed(path: Path, network: Network, optimiser: torch.optim.Optimizer, options: TrainingOptions) -> Progress:
+def _resumed(path: Path, network: Network, optimiser: torch.optim.Optimizer, settings: dict[str, Any]) -> Progress:
     if not path.exists():
         return Progress(0, [])
-    content = torch.load(path, map_location="cpu", weights_only=True)
-    if content["options"] != asdict(options):
-        raise ValueError(f"{path}: the training here was begun with other options; choose another --out or remove it")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        before, progress = content["settings"], Progress(content["epoch"], content["rows"])
+    except Exception as error:  # torch's own errors for other files have no common class
+        raise ValueError(f"{path}: not a training of this version: {first_line(error)}; remove it") from None
+    changed = [name for name in settings if before.get(name) != settings[name]]
+    if changed:
+        other = ", ".join(f"{name} {before.get(name)}" for name in changed)
+        raise ValueError(f"{path}: the training here was begun with {other}; choose another --out or remove it")
     network.load_state_dict(content["weights"])
     optimiser.load_state_dict(content["optimiser"])
-    logger.info("going on after epoch %d", content["epoch"])
-    return Progress(content["epoch"], content["rows"])
+    logger.info("going on after epoch %d", progress.epoch)
+    return progress

@@ -65,33 +65,40 @@ def check_available(kind: str, options: GuessOptions | None = None) -> None:
     """Raise where a kind of guess is unknown or cannot be made; load what it needs.
 
     Raises:
-        GuessUnavailable: unknown kind, or one that needs what is not there.
+        GuessUnavailable: unknown kind, or one that needs what is not there ("auto" needs no weights but those named).
     """
     if kind not in GUESSES:
         raise GuessUnavailable(f"guess: must be one of {', '.join(GUESSES)}, not {kind!r}")
     if kind in ("auto", "gnn"):
+        weights = options.weights if options else None
         try:
-            load_network(options.weights if options else None)
-        except GuessUnavailable:
-            if kind == "gnn":
+            load_network(weights)
+        except GuessUnavailable as error:
+            if kind == "gnn" or weights:
                 raise
-            logger.warning("there are no trained weights; going on with Hybrid A*")
+            logger.warning("%s; going on with Hybrid A*", error)
     if kind == "rrt_star" and not is_available():
         raise GuessUnavailable("guess: 'rrt_star' needs OMPL: pip install ompl, or pip install -e .[rrt_star]")
 
 
-@lru_cache(maxsize=8)
 def load_network(weights: Path | None) -> Network:
-    """The trained network in a file, or the one that comes with the package; warmed up.
+    """The trained network in a file, or the one that comes with the package; read once, and again when it changes.
 
     Raises:
         GuessUnavailable: there is none.
     """
+    path = weights or bundled_weights()
+    return _load_network(path, path.stat().st_mtime_ns if path.exists() else 0)
+
+
+@lru_cache(maxsize=8)
+def _load_network(path: Path, _changed: int) -> Network:
+    """The network in a file, warmed up."""
     from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
     from drake_gnnocp.learning.predict import guesses
 
     try:
-        network = load_weights(weights or bundled_weights())[0]
+        network = load_weights(path)[0]
         list(guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2))
         return network
     except WeightsError as error:

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
 from drake_gnnocp.ocp.refine import TOO_LATE, Optimised, RefineOptions, badness, optimise
 from drake_gnnocp.plan.fine import fine_guess, fine_refine
 from drake_gnnocp.plan.guess import check_available, straight_guess
@@ -94,9 +92,8 @@ def _try_all(scenario: Scenario, guess: str, horizon: Horizon, options: PlanOpti
         attempt = tried[-1].attempt
         logger.info("%s: %s", attempt.guess, attempt.reason or "verified")
         refused = tried[-1].start is not None and tried[-1].outcome is None
-        # a search finds no shorter path for the next attempt, but it has a longer time than a learned guess's own
-        final = refused and not (strategy.source == "gnn" and horizon == "guess")
-        if final or (attempt.verified and horizon != "free"):
+        # a search finds no shorter path for the next attempt than the one before, but perhaps than the network
+        if (refused and strategy.source != "gnn") or (attempt.verified and horizon != "free"):
             break
     return tried
 
@@ -140,8 +137,8 @@ def _optimised(
     free = _free(options)
     if strategy.fine:
         refine = fine_refine(scenario, start, options.refine, options.fine)  # stays near, which a free horizon cannot
-    else:
-        refine = free if horizon == "free" else options.refine
+    else:  # convex steps are for a duration: that comes first, and a quicker one after it
+        refine = free if horizon == "free" and strategy.stepped is None else options.refine
     outcome = optimise(scenario, start, refine, deadline, strategy.stepped)
     return _quicker(scenario, outcome, free, deadline) if horizon == "free" else outcome
 
@@ -183,7 +180,7 @@ def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
     """Why a guess cannot be driven in a duration [s], or an empty text."""
     if duration > LONGEST:
         return f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
-    length = float(np.linalg.norm(np.diff(guess.poses[:, :2], axis=0), axis=1).sum())
+    length = guess.path_length
     reach = scenario.vehicle.v_max * duration
     if length > reach * (1 + ROUNDING):
         return f"the guess's path is {length:.1f} m long, and {duration:g} s at v_max are {reach:.1f} m"

@@ -11,13 +11,13 @@ from drake_gnnocp.dataset.records import MapRecord
 from drake_gnnocp.learning.checkpoint import Network
 from drake_gnnocp.learning.predict import guesses
 from drake_gnnocp.ocp.refine import Optimised, RefineOptions, optimise
+from drake_gnnocp.plan.guess import GuessOptions
 from drake_gnnocp.plan.learned import settled_hypotheses
 from drake_gnnocp.plan.strategies import PlanOptions
 from drake_gnnocp.scenario import Scenario
 
-N_KNOTS = 120
 MAX_SECONDS = 5.0  # s, for a plan
-FAILURE = 100.0  # work that an unverified plan counts as
+FAILURE = 100.0  # work that an unverified plan counts as, and the most that a verified one does
 PASSED_OVER = 10  # convex steps that a hypothesis takes which is passed over
 
 
@@ -36,23 +36,18 @@ def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float
 
     Returns:
         plan_verified: share of the tasks; plan_first: share planned from the hypothesis ranked first; plan_iterations:
-        median of the first solve; plan_badness: mean of these and the convex steps before them, FAILURE where the plan
-        is not verified.
+        median of the first solve; plan_badness: mean of these, the convex steps before them and those of hypotheses
+        passed over, FAILURE at most, and where the plan is not verified.
     """
     network.eval()
-    plans = [_planned(network, task) for task in tasks]
-    iterations = [plan.rounds[0].iterations for _, plan in plans if plan is not None]
-    work = [
-        plan.rounds[0].iterations + plan.rounds[0].convex_steps + PASSED_OVER * rank
-        if plan is not None and plan.verification.verified
-        else FAILURE
-        for rank, plan in plans
-    ]
+    plans = [(rank, plan) for rank, plan in (_planned(network, task) for task in tasks) if plan is not None]
+    first = [(rank, plan.rounds[0]) for rank, plan in plans if plan.verification.verified]
+    work = [min(FAILURE, each.iterations + each.convex_steps + PASSED_OVER * rank) for rank, each in first]
     return {
-        "plan_verified": statistics.fmean(each < FAILURE for each in work),
-        "plan_first": statistics.fmean(rank == 0 for rank, _ in plans),
-        "plan_iterations": float(statistics.median(iterations or [FAILURE])),
-        "plan_badness": statistics.fmean(work),
+        "plan_verified": len(first) / len(tasks),
+        "plan_first": sum(rank == 0 for rank, _ in plans) / len(tasks),
+        "plan_iterations": float(statistics.median([plan.rounds[0].iterations for _, plan in plans] or [FAILURE])),
+        "plan_badness": (sum(work) + FAILURE * (len(tasks) - len(first))) / len(tasks),
     }
 
 
@@ -61,7 +56,7 @@ def _planned(network: Network, task: Scenario) -> tuple[int, Optimised | None]:
     x0, y0, _ = task.start
     local = task.translated(-x0, -y0)
     deadline = time.monotonic() + MAX_SECONDS
-    ranked = list(islice(guesses(network, local, N_KNOTS), PlanOptions().hypotheses))
+    ranked = list(islice(guesses(network, local, GuessOptions().n_knots), PlanOptions().hypotheses))
     chosen = next(settled_hypotheses(local, ranked, RefineOptions(), deadline), None)
     if chosen is None:
         return len(ranked), None

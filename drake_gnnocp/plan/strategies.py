@@ -114,12 +114,16 @@ def strategies(
 def _learned(
     scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
 ) -> Iterator[Strategy]:
-    """The network's hypotheses that are worth a solve; the first takes the time of making all."""
+    """The network's hypotheses that are worth a solve; the first takes the time of making all.
+
+    With a duration that is not theirs it is the first: convex steps were not made for it.
+    """
     begin = time.monotonic()
     made = gnn_guesses(scenario, options.guess)
     best = next(made)
-    first = Strategy("gnn", Guess(best), 0.0, slack=1.0, share=options.learned_share, timed=True)
-    if horizon == "guess":
+    improves = guess == "gnn" and horizon == "free"
+    first = Strategy("gnn", Guess(best), 0.0, 1.0, options.learned_share, timed=True, improves=improves)
+    if isinstance(horizon, str):
         spent = time.monotonic() - begin
         until = begin + options.learned_share * (deadline - begin)
         hypotheses = islice(chain([best], made), options.hypotheses)
@@ -136,7 +140,8 @@ def _learned(
             return
         first = replace(first, guess_seconds=seconds)
     else:
-        first = replace(first, guess_seconds=time.monotonic() - begin)
+        share = options.learned_share if guess == "auto" else 1.0
+        first = replace(first, guess_seconds=time.monotonic() - begin, share=share)
     yield first
 
 

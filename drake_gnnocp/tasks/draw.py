@@ -1,6 +1,7 @@
 """Map `index` of a seed, and its tasks: the same whatever else is drawn.
 
-Of three maps two are open ones as in the paper, with varying numbers of obstacles, and one is a car park or a yard.
+Of the first PAPER_MAPS maps two of three are open ones as in the paper, with varying numbers of obstacles, and one is a
+car park or a yard. All maps after them are car parks and yards, where a guess fails more often.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from drake_gnnocp.tasks.place import Place
 from drake_gnnocp.tasks.yards import random_yard
 from drake_gnnocp.vehicle import Vehicle
 
+PAPER_MAPS = 800
 OBSTACLES = (3, 14)  # fewest and most on an open map
 PLACE, PAIRS = 0, 1  # last word of the seeds
 
 
 def kind_of(index: int) -> str:
     """What map `index` is: "open", "car_park" or "yard"."""
+    if index >= PAPER_MAPS:
+        return "car_park" if index % 2 == 0 else "yard"
     if index % 3 < 2:
         return "open"
     return "car_park" if index // 3 % 2 == 0 else "yard"
