@@ -85,27 +85,10 @@ def train(
     progress = _resumed(folder / "last.pt", network, optimiser, settings)
     bar = tqdm(total=options.epochs, initial=progress.epoch, unit="epoch")
     while progress.epoch < options.epochs:
-        generator = torch.Generator(device=training.duration.device).manual_seed(
-            options.seed * 1_000_003 + progress.epoch
-        )
-        batches = training.random_batches(options.batch, generator)
-        network.train()
-        sums: dict[str, float] = {}
-        for i, rows in enumerate(batches):
-            rate = learning_rate(options, progress.epoch + i / len(batches))
-            for group in optimiser.param_groups:
-                group["lr"] = rate
-            batch = training.random_batch(rows, generator)
-            batch = with_strangers(batch, generator) if options.strangers else batch
-            parts = loss_of(network, with_walls(batch, generator) if options.walls else batch, options.losses)
-            optimiser.zero_grad()
-            parts["loss"].backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)
-            optimiser.step()
-            _add(sums, parts, len(rows))
+        learned = _train_epoch(network, optimiser, training, options, progress.epoch)
         progress.epoch += 1
         row = {"epoch": float(progress.epoch)}
-        row |= {f"train_{name}": total / len(training) for name, total in sums.items()}
+        row |= {f"train_{name}": value for name, value in learned.items()}
         row |= {f"validation_{name}": value for name, value in evaluate(network, validation, options).items()}
         row |= after_epoch(network, progress)
         progress.rows.append(row)
@@ -115,6 +98,29 @@ def train(
         bar.set_postfix_str(f"position error {row['validation_position']:.2f} m")
     bar.close()
     return progress
+
+
+def _train_epoch(
+    network: Network, optimiser: torch.optim.Optimizer, training: Samples, options: TrainingOptions, epoch: int
+) -> dict[str, float]:
+    """Learn from every sample once; mean of the loss and its parts over them."""
+    generator = torch.Generator(device=training.duration.device).manual_seed(options.seed * 1_000_003 + epoch)
+    batches = training.random_batches(options.batch, generator)
+    network.train()
+    sums: dict[str, float] = {}
+    for i, rows in enumerate(batches):
+        rate = learning_rate(options, epoch + i / len(batches))
+        for group in optimiser.param_groups:
+            group["lr"] = rate
+        batch = training.random_batch(rows, generator)
+        batch = with_strangers(batch, generator) if options.strangers else batch
+        parts = loss_of(network, with_walls(batch, generator) if options.walls else batch, options.losses)
+        optimiser.zero_grad()
+        parts["loss"].backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)
+        optimiser.step()
+        _add(sums, parts, len(rows))
+    return {name: total / len(training) for name, total in sums.items()}
 
 
 def loss_of(network: Network, batch: Batch, weights: LossWeights) -> LossParts:
