@@ -7,7 +7,7 @@ from torch import Tensor
 
 from drake_gnnocp.learning.samples import Batch
 from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene, into_frame
-from drake_gnnocp.learning.surroundings import nearest, stations
+from drake_gnnocp.learning.surroundings import signed_distance, stations
 
 STRANGERS = 4  # obstacles of another scene offered to each
 SHARE = 0.5  # of the scenes get some
@@ -43,8 +43,7 @@ def with_strangers(batch: Batch, generator: torch.Generator) -> Batch:
 def _out_of_the_way(states: Tensor, offered: Scene) -> Tensor:
     """Which obstacles (B, J) are far enough from the car at all states (B, T, 5)."""
     points = stations(states[..., :3], offered.vehicle).flatten(1, 2)
-    towards, side = nearest(points, offered.edges, offered.mask)  # (B, P, J, 2), (B, P, J)
-    least = (side * torch.linalg.norm(towards, dim=-1)).amin(dim=1)
+    least = signed_distance(points, offered.edges, offered.mask).amin(dim=2)
     return least > offered.vehicle[:, [WIDTH]] / 2 + ROOM
 
 

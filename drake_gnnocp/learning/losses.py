@@ -98,6 +98,6 @@ def clearance_error(states: Tensor, target: Tensor, scene: Scene, margin: float)
 def disc_distance(states: Tensor, scene: Scene) -> Tensor:
     """Distance (B, T, S) of the stations along the car to the nearest obstacle, negative inside [m]."""
     points = stations(states[..., :3], scene.vehicle)
-    towards, side = nearest(points.flatten(1, 2), scene.edges, scene.mask)
-    distance = side * torch.linalg.norm(towards + 1e-9, dim=-1)  # (B, T S, J)
-    return distance.amin(dim=-1).unflatten(1, points.shape[1:3])
+    x, y, side = nearest(points.flatten(1, 2), scene.edges, scene.mask)
+    distance = side * torch.hypot(x + 1e-9, y)  # (B, J, T S)
+    return distance.amin(dim=1).unflatten(1, points.shape[1:3])

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from drake_gnnocp.learning.checkpoint import Network
-from drake_gnnocp.learning.losses import disc_distance
 from drake_gnnocp.learning.network import Prediction, defects
 from drake_gnnocp.learning.scene import (
     WIDTH,
@@ -21,6 +20,7 @@ from drake_gnnocp.learning.scene import (
     turned_around,
 )
 from drake_gnnocp.learning.spline import spline_matrices
+from drake_gnnocp.learning.surroundings import signed_distance, stations
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
@@ -94,11 +94,11 @@ def _hypotheses(
 
 def ranking(prediction: Prediction, scene: Scene, weights: RankWeights) -> torch.Tensor:
     """How promising every hypothesis is: (B, K)."""
-    b, k = prediction.score.shape
-    rows = torch.arange(b).repeat_interleave(k)
     gap = defects(prediction.states, prediction.duration, scene.vehicle).abs()
-    clearance = disc_distance(prediction.states.flatten(0, 1), scene.subset(rows)).unflatten(0, (b, k))
-    depth = torch.relu(scene.vehicle[:, WIDTH, None, None, None] / 2 - clearance).mean(dim=(-1, -2))
+    discs = stations(prediction.states[..., :3].flatten(1, 2), scene.vehicle)  # (B, K T, S, 2)
+    clearance = signed_distance(discs.flatten(1, 2), scene.edges, scene.mask).amin(dim=1)  # (B, K T S)
+    depth = torch.relu(scene.vehicle[:, [WIDTH]] / 2 - clearance)
+    depth = depth.unflatten(1, (*prediction.states.shape[1:3], discs.shape[2])).mean(dim=(-1, -2))
     return (
         weights.score * prediction.score
         + weights.gap * gap.mean(dim=(-1, -2))

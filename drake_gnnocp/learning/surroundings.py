@@ -29,7 +29,7 @@ def stations(poses: Tensor, vehicle: Tensor) -> Tensor:
     return poses[..., None, :2] + offset[:, None, :, None] * axis[..., None, :]
 
 
-def nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+def nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Nearest points of every obstacle.
 
     Args:
@@ -38,36 +38,48 @@ def nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor
         mask: (B, J, E).
 
     Returns:
-        (B, P, J, 2) nearest points relative to the points, FAR away where there is no obstacle [m]; and (B, P, J), +1
-        where the point is right of the edge (outside a convex obstacle), -1 left of it.
+        x and y (B, J, P) of the nearest points relative to the points, FAR away where there is no obstacle [m]; and
+        (B, J, P), +1 where the point is right of the edge (outside a convex obstacle), -1 left of it. Gradients take
+        the nearest points for fixed: to the first order, moving along an edge does not change the distance.
     """
+    x, y = points[:, None].unbind(dim=-1)  # (B, 1, P)
     with torch.no_grad():
-        which, side = _nearest_edge(points, edges, mask)
-    # once more for the edges found, with gradients
-    index = which[..., None].expand(*which.shape, 4).transpose(1, 2)  # (B, J, P, 4)
-    chosen = edges.gather(2, index).transpose(1, 2)  # (B, P, J, 4)
-    along = chosen[..., 2:] - chosen[..., :2]
-    offset = points[:, :, None] - chosen[..., :2]
-    t = ((offset * along).sum(-1) / (along**2).sum(-1).clamp(min=TINY)).clamp(0.0, 1.0)
-    found = t[..., None] * along - offset  # from the point to the edge
-    here = mask.any(dim=-1)[:, None, :]
-    return torch.where(here[..., None], found, FAR), torch.where(here, side, 1.0)
+        reach_x, reach_y, squared, cross = _towards_edges(points, edges, mask)
+        least, which = squared.min(dim=0, keepdim=True)
+        nearest_x, nearest_y = reach_x.gather(0, which)[0] + x, reach_y.gather(0, which)[0] + y
+        side = _side(squared, cross, least[0])
+    return nearest_x - x, nearest_y - y, side
 
 
-def _nearest_edge(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-    """The nearest edge of every obstacle and the side on which points are of it: (B, P, J) both."""
-    tail_x, tail_y, head_x, head_y = edges[:, None].unbind(dim=-1)  # (B, 1, J, E)
+@torch.no_grad()
+def signed_distance(points: Tensor, edges: Tensor, mask: Tensor) -> Tensor:
+    """Distance (B, J, P) of points (B, P, 2) to every obstacle, negative left of its nearest edge [m]; no gradients."""
+    _, _, squared, cross = _towards_edges(points, edges, mask)
+    least = squared.amin(dim=0)
+    return torch.sqrt(least) * _side(squared, cross, least)
+
+
+def _towards_edges(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """From points to the nearest points of every edge: x, y, squared length, and how far right of the edge [m, m^2].
+
+    All (E, B, J, P), so that the long axis is the last: most of the time of a plan's inference is spent here.
+    """
+    edges = edges.masked_fill(~mask[..., None], FAR)  # one point far away
+    tail_x, tail_y, head_x, head_y = edges.permute(3, 2, 0, 1).contiguous()[..., None].unbind(dim=0)  # (E, B, J, 1)
+    x, y = points.permute(2, 0, 1).contiguous()[:, :, None].unbind(dim=0)  # (B, 1, P)
     along_x, along_y = head_x - tail_x, head_y - tail_y
-    offset_x, offset_y = points[..., 0, None, None] - tail_x, points[..., 1, None, None] - tail_y  # (B, P, J, E)
-    squared = (along_x**2 + along_y**2).clamp(min=TINY)
-    t = (offset_x * (along_x / squared) + offset_y * (along_y / squared)).clamp_(0.0, 1.0)
-    distance = (t * along_x - offset_x).square_() + (t * along_y - offset_y).square_()
-    distance.masked_fill_(~mask[:, None], FAR**2)
-    least, which = distance.min(dim=-1)
+    per_square = 1 / (along_x**2 + along_y**2).clamp(min=TINY)
+    offset_x, offset_y = x - tail_x, y - tail_y
+    t = (offset_x * (along_x * per_square) + offset_y * (along_y * per_square)).clamp_(0.0, 1.0)
+    reach_x, reach_y = t * along_x - offset_x, t * along_y - offset_y
+    return reach_x, reach_y, reach_x**2 + reach_y**2, offset_x * along_y - offset_y * along_x
+
+
+def _side(squared: Tensor, cross: Tensor, least: Tensor) -> Tensor:
+    """+1 where a point is right of a nearest edge, else -1: (B, J, P)."""
     # at a corner two edges are nearest: the point is outside if it is outside of either
-    outside = offset_x * along_y > along_x * offset_y
-    outside &= distance <= ((1 + ROUNDING) * least + TIE)[..., None]
-    return which, outside.any(dim=-1) * 2.0 - 1.0
+    outside = (squared + torch.relu(-cross) * (FAR**2 / TINY)).amin(dim=0)  # as near, but edges it is left of are not
+    return (outside <= (1 + ROUNDING) * least + TIE) * 2.0 - 1.0
 
 
 def nearest_obstacles(poses: Tensor, scene: Scene, most: int) -> Tensor:
@@ -78,9 +90,8 @@ def nearest_obstacles(poses: Tensor, scene: Scene, most: int) -> Tensor:
     n = scene.edges.shape[1]
     if n <= most:
         return torch.arange(n, device=poses.device).expand(len(scene), -1)
-    towards, side = nearest(poses[:, ::2, :2], scene.edges, scene.mask)
-    distance = side * torch.linalg.norm(towards, dim=-1)  # (B, T / 2, J)
-    order = distance.amin(dim=1) + MEAN_SHARE * distance.mean(dim=1)
+    distance = signed_distance(poses[:, ::2, :2], scene.edges, scene.mask)  # (B, J, T / 2)
+    order = distance.amin(dim=2) + MEAN_SHARE * distance.mean(dim=2)
     return order.topk(most, dim=1, largest=False).indices
 
 
@@ -88,11 +99,10 @@ def surroundings(poses: Tensor, scene: Scene) -> Tensor:
     """Features (B, T, J, SURROUNDINGS) of what lies around poses (B, T, 3)."""
     b, t = poses.shape[:2]
     points = stations(poses, scene.vehicle)
-    towards, side = nearest(points.flatten(1, 2), scene.edges, scene.mask)  # (B, T S, J, 2)
-    towards = towards.unflatten(1, (t, len(STATIONS)))
-    cos, sin = torch.cos(poses[..., 2])[..., None, None], torch.sin(poses[..., 2])[..., None, None]
-    ahead, left = cos * towards[..., 0] + sin * towards[..., 1], cos * towards[..., 1] - sin * towards[..., 0]
-    nearness = NEAR / (NEAR + torch.hypot(ahead, left))  # (B, T, S, J)
+    x, y, side = (each.unflatten(2, (t, -1)) for each in nearest(points.flatten(1, 2), scene.edges, scene.mask))
+    cos, sin = (each(poses[:, None, :, 2, None]) for each in (torch.cos, torch.sin))
+    ahead, left = cos * x + sin * y, cos * y - sin * x  # (B, J, T, S)
+    nearness = NEAR / (NEAR + torch.hypot(ahead, left))
     # directions weighted by nearness: what is far away hardly matters
-    features = torch.stack([ahead * nearness, left * nearness, nearness, side.unflatten(1, (t, -1)) * nearness], dim=-1)
-    return features.transpose(2, 3).reshape(b, t, scene.edges.shape[1], SURROUNDINGS)
+    features = torch.stack([ahead * nearness, left * nearness, nearness, side * nearness], dim=-1)
+    return features.transpose(1, 2).reshape(b, t, scene.edges.shape[1], SURROUNDINGS)
