@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +21,11 @@ from drake_gnnocp.benchmark.tasks import Task
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.ocp_benchmark.worker import Worker
-from drake_gnnocp.plan.guess import GuessOptions
+from drake_gnnocp.plan.guess import GuessOptions, gnn_guesses
 from drake_gnnocp.plan.planner import PlanOptions
 from drake_gnnocp.row_files import RunsError, read_rows
 from drake_gnnocp.tables import __main__ as command_line
+from drake_gnnocp.tables import inference
 from drake_gnnocp.tables.__main__ import TABLES, main
 from drake_gnnocp.tables.maps import map_report
 from drake_gnnocp.tables.raw_guesses import RawGuess, measure, nearest, raw_report
@@ -79,6 +82,8 @@ def test_unseen_tasks_are_compared_task_by_task_and_failures_are_counted() -> No
     assert (row["all_pairs"], row["both_pairs"], row["both_cost_ratio_median"]) == ("3", "2", "1.5")
     assert float(row["all_total_ratio_median"]) == 2.0 and float(row["both_total_ratio_median"]) == 3.0
     assert float(row["both_total_ratio_p95"]) == pytest.approx(3.9)  # of 2 and 4
+    steps = replace(run_of("a", "gnn", 1.0), convex_steps=3, first_iterations=4)
+    assert csv_row(unseen_report([steps], MACHINE), method="gnn")["first_steps_median"] == "7"
     row = csv_row(made, method="gnn")
     assert (row["attempted"], row["verified"], row["compared"]) == ("3", "2", "2")
     assert "3 tasks" in made.markdown and cells(made.markdown, "gnn")[2] == "2 (66.7 %)"
@@ -125,6 +130,24 @@ def test_raw_guesses_are_summed_up_by_method_without_those_that_were_not_made() 
     assert cells(made.markdown, "hybrid_astar")[1:5] == ["1", "0", "0", "-"]
     assert csv_row(made, method="gnn")["position_error_m_mean"] == "2"
     assert csv_row(made, method="hybrid_astar")["gap_m_median"] == ""
+
+
+def test_inference_is_timed_from_the_scenario_to_the_first_guess(
+    task: Task, untrained: Method, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Worker, "call", here)
+    waits = iter((0.03, 0.0, 0.03))
+    first = next(gnn_guesses(task.scenario, untrained.options.guess))
+
+    def guesses(*_: object) -> Iterator[Trajectory]:
+        time.sleep(next(waits))
+        yield first
+
+    monkeypatch.setattr(inference, "gnn_guesses", guesses)
+    seconds = inference.measure([task], [untrained], 3)
+    row = csv_row(inference.inference_report(seconds, MACHINE), method="gnn_paper")
+    assert (row["tasks"], row["runs"]) == ("1", "3")
+    assert float(row["ms_median"]) >= 30.0 > 15.0 > float(row["quickest_ms_median"]) > 0.0
 
 
 def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(

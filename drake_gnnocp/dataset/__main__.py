@@ -83,9 +83,10 @@ def main(argv: list[str] | None = None) -> int:
         print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
         return BAD_INPUT
     try:
-        settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
-        settings = settings_of(improve) if improve else settings
-        make = improving(improve, ImproveOptions(arguments.weights)) if improve else None
+        if improve:
+            settings, make = settings_of(improve), improving(improve, ImproveOptions(arguments.weights))
+        else:
+            settings, make = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs), None
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
             generate(settings, tuple(arguments.kinds), arguments.out, executor, make)
         write_datasheet(load_dataset(arguments.out), arguments.out)

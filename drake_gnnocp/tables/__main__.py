@@ -27,8 +27,8 @@ from drake_gnnocp.benchmark.tasks import drawn_tasks, named_tasks
 from drake_gnnocp.command_line import OneLineParser, positive, reported, seconds
 from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.reports import machine
+from drake_gnnocp.tables import inference, raw_guesses
 from drake_gnnocp.tables.maps import MAPS, map_report
-from drake_gnnocp.tables.raw_guesses import measure, raw_report
 from drake_gnnocp.tables.report import Report
 from drake_gnnocp.tables.unseen import unseen_report
 
@@ -70,7 +70,13 @@ def _test_tasks(wanted: Wanted, folder: Path, methods: list[Method]) -> Report:
 
 
 def _raw_guesses(wanted: Wanted, folder: Path, methods: list[Method]) -> Report:
-    return raw_report(measure(folder, drawn_tasks(wanted.tasks), methods, wanted.settings), machine(*PACKAGES))
+    rows = raw_guesses.measure(folder, drawn_tasks(wanted.tasks), methods, wanted.settings)
+    return raw_guesses.raw_report(rows, machine(*PACKAGES))
+
+
+def _inference(wanted: Wanted, _: Path, methods: list[Method]) -> Report:
+    seconds = inference.measure(drawn_tasks(wanted.tasks), methods, wanted.repeats)
+    return inference.inference_report(seconds, machine(*PACKAGES))
 
 
 TABLES = {
@@ -79,6 +85,7 @@ TABLES = {
         _test_tasks, (*PLANNERS, GNN_PAPER, GNN_DIRECT, HYBRID_ASTAR_DIRECT), "the same methods on unseen test tasks"
     ),
     "raw_guesses": Entry(_raw_guesses, (*PLANNERS, GNN_PAPER), "guesses as they are, against the nearest optimum"),
+    "inference": Entry(_inference, (GNN, GNN_PAPER), "milliseconds of a network's first guess, always measured anew"),
 }
 
 
@@ -94,7 +101,8 @@ def _parser() -> argparse.ArgumentParser:
     names = "; ".join(f"{name}: {entry.shows}" for name, entry in TABLES.items())
     add("names", nargs="*", type=_name, metavar="NAME", help=f"which, default all. {names}")
     add("--tasks", type=positive, default=200, metavar="N", help="unseen test tasks (default: %(default)s)")
-    add("--repeat", type=positive, default=5, metavar="N", help="runs of each method on a map (default: %(default)s)")
+    repeats = "runs of each method on a map, and of an inference (default: %(default)s)"
+    add("--repeat", type=positive, default=5, metavar="N", help=repeats)
     budget = "wall-clock budget of one plan in seconds (default: %(default)g)"
     add("--max-seconds", type=seconds, default=20.0, metavar="S", help=budget)
     add("--weights", type=Path, metavar="FILE", help="weights of gnn and gnn_direct (default: the package's)")

@@ -25,6 +25,7 @@ SECONDS: dict[str, Value] = {  # s, as the paper divides them
 WORK: dict[str, Value] = {
     "convex_steps": lambda run: run.convex_steps,
     "first_iterations": lambda run: run.first_iterations,
+    "first_steps": lambda run: run.convex_steps + run.first_iterations,
     "iterations": lambda run: run.iterations,
 }
 DISPARITY: dict[str, Value] = {  # the paper's four bars
