@@ -18,8 +18,9 @@ from drake_gnnocp.learning.checkpoint import (
     new_network,
     save_weights,
 )
+from drake_gnnocp.learning.features import defects
 from drake_gnnocp.learning.losses import LossWeights, clearance_error, kinematic_error, network_loss
-from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork, defects
+from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig
 from drake_gnnocp.learning.samples import Batch
 from drake_gnnocp.learning.scene import Scene, mirrored, scene_of

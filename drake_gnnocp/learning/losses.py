@@ -18,7 +18,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import cross_entropy, smooth_l1_loss
 
-from drake_gnnocp.learning.network import NEIGHBOURS, TrajectoryNetwork, defects
+from drake_gnnocp.learning.features import defects
+from drake_gnnocp.learning.network import NEIGHBOURS, TrajectoryNetwork
 from drake_gnnocp.learning.scene import WIDTH, Scene, with_obstacles
 from drake_gnnocp.learning.surroundings import nearest, nearest_obstacles, stations
 

@@ -21,15 +21,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, WHEELBASE, Scene, into_frame, with_obstacles
+from drake_gnnocp.learning.features import (
+    LENGTH,
+    MOTION,
+    POINT_FEATURES,
+    POSE,
+    TASK_FEATURES,
+    point_features,
+    task_features,
+)
+from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, Scene, into_frame, with_obstacles
 from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
-from drake_gnnocp.vehicle import State, Vehicle
+from drake_gnnocp.vehicle import State
 
-LENGTH = 10.0  # m, unit of lengths inside the network
 DILATIONS = (1, 2, 4, 8, 1)  # of the convolutions along a trajectory
-NEIGHBOURS = 10  # obstacles a refinement looks at: those nearest to the trajectory
-USUAL_VEHICLE = torch.tensor(list(Vehicle().to_dict().values()))
-POSE, MOTION = slice(State.X, State.V), slice(State.V, State.PHI + 1)
+NEIGHBOURS = 10  # obstacles the refinements look at: those nearest to the proposed trajectory
+LIMITS = slice(V_MAX, PHI_MAX + 1, PHI_MAX - V_MAX)  # columns of vehicles
 
 
 @dataclass(frozen=True)
@@ -85,16 +92,6 @@ def masked_max(values: Tensor, mask: Tensor) -> Tensor:
     return torch.where(mask.any(dim=-1)[..., None], largest, 0.0)
 
 
-def task_features(scene: Scene) -> Tensor:
-    """Goal and vehicle: (B, 17)."""
-    x, y, theta = scene.goal.unbind(dim=1)
-    distance = torch.hypot(x, y)
-    start = into_frame(torch.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
-    pose = torch.stack([x, y, start[:, 0], start[:, 1], distance], dim=1) / LENGTH
-    angles = torch.stack([torch.cos(theta), torch.sin(theta), theta, torch.log1p(distance)], dim=1)
-    return torch.cat([pose, angles, 5 * (scene.vehicle / USUAL_VEHICLE.to(scene.vehicle) - 1)], dim=1)
-
-
 class Proposer(nn.Module):
     """Tokens to K trajectories."""
 
@@ -134,7 +131,7 @@ def composed(raw: Tensor, base: Tensor, scene: Scene) -> Tensor:
 
     Positions are corrected in units of LENGTH, headings in rad, v and phi on a tanh scale of their limits.
     """
-    limits = scene.vehicle[:, None, None, [V_MAX, PHI_MAX]]
+    limits = scene.vehicle[:, None, None, LIMITS]
     pose = base[..., POSE] + raw[..., POSE] * raw.new_tensor([LENGTH, LENGTH, 1.0])
     before = torch.atanh((base[..., MOTION] / limits).clamp(-0.999, 0.999))
     motion = limits * torch.tanh(before + raw[..., MOTION])
@@ -184,8 +181,6 @@ class Refiner(nn.Module):
         self, states: Tensor, duration: Tensor, latent: Tensor, tokens: Tensor, scene: Scene
     ) -> tuple[Tensor, Tensor]:
         """Better states (B, T, 5) and durations (B,) of states (B, T, 5), with latents (B, D), tokens (B, J, D)."""
-        which = nearest_obstacles(states[..., POSE], scene, NEIGHBOURS)
-        scene, tokens = with_obstacles(scene, which), tokens[torch.arange(len(scene))[:, None], which]
         near = surroundings(states[..., POSE], scene)  # (B, T, J, SURROUNDINGS)
         token = self.token(tokens)[:, None].expand(-1, near.shape[1], -1, -1)
         around = masked_max(self.around(torch.cat([near, token], dim=-1)), scene.mask.any(dim=-1)[:, None])
@@ -198,52 +193,6 @@ class Refiner(nn.Module):
         return better, duration * torch.exp(self.last(x.mean(dim=1))[:, 0].clamp(-1.0, 1.0))
 
 
-POINT_FEATURES = 28
-
-
-def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
-    """What a point knows of itself and of its neighbours: (B, T, POINT_FEATURES)."""
-    n = states.shape[1]
-    dt = (duration / (n - 1))[:, None]
-    x, y, theta, v, phi = states.unbind(dim=-1)
-    gap = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
-    zero = torch.zeros_like(gap[:, :1])
-    before, after = torch.cat([zero, gap], dim=1), torch.cat([gap, zero], dim=1)
-    goal = into_frame(states[..., :2], scene.goal)
-    turn = theta - scene.goal[:, 2:]
-    v_max, phi_max = scene.vehicle[:, [V_MAX]], scene.vehicle[:, [PHI_MAX]]
-    u = torch.linspace(0.0, 1.0, n).expand_as(x)
-    change = torch.diff(states, dim=1, prepend=states[:, :1])[..., 3:]
-    columns = [
-        x / LENGTH, y / LENGTH, goal[..., 0] / LENGTH, goal[..., 1] / LENGTH, torch.cos(theta), torch.sin(theta),
-        torch.cos(turn), torch.sin(turn), theta, v / v_max, phi / phi_max, torch.log(dt).expand_as(x), dt * v,
-        u, u * (1 - u), torch.cos(math.pi * u), torch.cos(2 * math.pi * u), torch.sin(2 * math.pi * u),
-        torch.cos(4 * math.pi * u), torch.sin(4 * math.pi * u), change[..., 0], change[..., 1],
-    ]  # fmt: skip
-    return torch.cat([torch.stack(columns, dim=-1), before, after], dim=-1)
-
-
-def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
-    """Error of the kinematic model between points, in the car's frame: (..., T - 1, 3) along, across, turn [m, m, rad].
-
-    Args:
-        states: (B, ..., T, 5).
-        duration: (B, ...) [s].
-        vehicle: (B, 8).
-    """
-    dt = (duration / (states.shape[-2] - 1))[..., None]
-    left, right = states[..., :-1, :], states[..., 1:, :]
-    wheelbase = vehicle[:, WHEELBASE].reshape(-1, *[1] * (states.dim() - 2))
-    mean = (left + right) / 2
-    theta, v = mean[..., State.THETA], mean[..., State.V]
-    turn = left[..., State.V] * torch.tan(left[..., State.PHI]) + right[..., State.V] * torch.tan(right[..., State.PHI])
-    step = right - left
-    cos, sin = torch.cos(theta), torch.sin(theta)
-    along = cos * step[..., 0] + sin * step[..., 1] - v * dt
-    across = cos * step[..., 1] - sin * step[..., 0]
-    return torch.stack([along, across, step[..., 2] - turn / (2 * wheelbase) * dt], dim=-1)
-
-
 class TrajectoryNetwork(nn.Module):
     """The network of the `default` configuration."""
 
@@ -252,7 +201,7 @@ class TrajectoryNetwork(nn.Module):
         self.config = config
         width = config.width
         self.obstacles = ObstacleEncoder(width)
-        self.task = mlp(17, width, width)
+        self.task = mlp(TASK_FEATURES, width, width)
         layer = nn.TransformerEncoderLayer(width, config.heads, 2 * width, 0.0, batch_first=True, norm_first=True)
         self.encoder = nn.TransformerEncoder(layer, config.encoder_layers, enable_nested_tensor=False)
         self.proposer = Proposer(config)
@@ -272,6 +221,8 @@ class TrajectoryNetwork(nn.Module):
         self, states: Tensor, duration: Tensor, latent: Tensor, tokens: Tensor, scene: Scene
     ) -> list[tuple[Tensor, Tensor]]:
         """States (B, T, 5) and durations (B,) after each refinement of one trajectory a scene."""
+        which = nearest_obstacles(states[..., POSE], scene, NEIGHBOURS)
+        scene, tokens = with_obstacles(scene, which), tokens[torch.arange(len(scene))[:, None], which]
         steps = []
         for refiner in self.refiners:
             # every refinement answers for what it was given, not for how that came about

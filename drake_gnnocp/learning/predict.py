@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from drake_gnnocp.learning.checkpoint import Network
-from drake_gnnocp.learning.network import Prediction, defects
+from drake_gnnocp.learning.features import defects
+from drake_gnnocp.learning.network import Prediction
 from drake_gnnocp.learning.scene import (
     WIDTH,
     Scene,
