@@ -33,11 +33,12 @@ def read_rows(path: Path, row: type[Row]) -> list[Row]:
         return []
     text = path.read_bytes().decode("utf-8", errors="replace")
     complete = text[: text.rfind("\n") + 1]
+    header = ",".join(_names(row)) + "\n"
+    if not complete.startswith(header) and not header.startswith(text):  # the latter is a header that was cut off
+        raise RunsError(f"{path}: {HEADER_MISMATCH}")
     if complete != text:
         os.truncate(path, len(complete.encode()))
     lines = list(csv.reader(io.StringIO(complete)))
-    if lines and lines[0] != _names(row):
-        raise RunsError(f"{path}: {HEADER_MISMATCH}")
     return [_row(path, row, number, cells) for number, cells in enumerate(lines[1:], start=2)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,13 +12,17 @@ SINGLE_THREAD = {
 }
 
 
+_lock = threading.Lock()  # the environment is the whole process's
+
+
 @contextmanager
 def single_threaded_children() -> Iterator[None]:
     """Processes spawned meanwhile use one thread each."""
-    before = {name: os.environ.get(name) for name in SINGLE_THREAD}
-    os.environ.update(SINGLE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+    with _lock:
+        before = {name: os.environ.get(name) for name in SINGLE_THREAD}
+        os.environ.update(SINGLE_THREAD)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name) if value is None else os.environ.update({name: value})

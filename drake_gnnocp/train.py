@@ -100,7 +100,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _device(name: str) -> torch.device:
     try:
-        return torch.zeros(0, device=name).device
+        device = torch.device(name)
+        torch.zeros(1, device=device).item()  # it is there, and holds numbers
+        return device
     except (AssertionError, RuntimeError) as error:  # the former where torch was built without it
         raise ValueError(f"--device: {first_line(error)}") from None
 
@@ -139,6 +141,7 @@ def run_training(
     if not len(training) or not len(validation):
         raise DatasetError(f"{arguments.data}: needs trajectories on training and on validation maps")
     origin = {"data": str(arguments.data), "trajectories": len(training), "from": str(arguments.start or "")}
+    origin["check_tasks"] = len(tasks)  # the best weights are those of the best check of the same tasks
     progress = train(network, training, validation, options, folder, after_epoch, origin)
     save_curves_picture(progress.rows, folder / "curves.png")
     return progress

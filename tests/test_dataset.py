@@ -119,10 +119,13 @@ def test_a_map_without_tasks_or_plans_can_be_stored(tmp_path: Path) -> None:
     assert load_records(tmp_path / "x.npz")[0].tasks == ()
 
 
-@pytest.mark.parametrize("content", [b"", b"nothing"])
-def test_a_broken_file_is_named(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "shards").mkdir()
-    (tmp_path / "shards" / "shard_000.npz").write_bytes(content)
+@pytest.mark.parametrize("kept", [0.0, 0.5, 0.97, None])
+def test_a_broken_file_is_named(kept: float | None, tmp_path: Path) -> None:
+    path = tmp_path / "shards" / "shard_000.npz"
+    path.parent.mkdir()
+    save_records(path, [straight_record(SETTINGS, 0)])
+    whole = path.read_bytes()
+    path.write_bytes(b"nothing" if kept is None else whole[: int(kept * len(whole))])
     with pytest.raises(DatasetError, match="shard_000.npz"):
         load_dataset(tmp_path)
 

@@ -24,6 +24,8 @@ from drake_gnnocp.dataset.generate import (
 from drake_gnnocp.dataset.improve import ImproveOptions, improved_label
 from drake_gnnocp.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
 from drake_gnnocp.dataset.records import save_records
+from drake_gnnocp.learning.checkpoint import new_network, save_weights
+from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.plan.guess import GuessOptions, straight_guess
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -88,6 +90,12 @@ def test_a_whole_dataset_is_improved_with_its_own_settings(tmp_path: Path, capsy
     assert main(command) == 0
     assert settings_of(after) == settings_of(before)
     assert [record.index for record in load_dataset(after)] == [0, 1]
+    other = tmp_path / "other.pt"
+    save_weights(other, new_network(NetworkConfig(width=16, channels=16)), {})
+    capsys.readouterr()
+    assert main([*command, "--weights", str(other)]) == 2  # nothing is mixed
+    assert "was made with" in capsys.readouterr().err
+    assert main(["--maps", "2", "--pairs", "1", "--seed", "7", "--jobs", "1", "--out", str(after)]) == 2
 
 
 def test_a_cluster_that_is_not_there_is_named(

@@ -23,7 +23,7 @@ from drake_gnnocp.learning.losses import LossWeights, clearance_error, kinematic
 from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig
 from drake_gnnocp.learning.samples import Batch
-from drake_gnnocp.learning.scene import Scene, mirrored, scene_of
+from drake_gnnocp.learning.scene import Scene, mirrored, scene_of, vectors_of
 from drake_gnnocp.learning.surroundings import nearest_obstacles, signed_distance
 from drake_gnnocp.learning.training import loss_of
 from drake_gnnocp.scenario import Scenario
@@ -181,6 +181,16 @@ def test_what_is_outside_far_away_is_outside() -> None:
     angle, distance = torch.meshgrid(torch.linspace(0, 2 * math.pi, 721), torch.logspace(1, 2, 20), indexing="ij")
     points = torch.stack([distance * torch.cos(angle), distance * torch.sin(angle)], dim=-1).reshape(1, -1, 2)
     assert (signed_distance(points, edges, torch.ones(1, 1, 3, dtype=torch.bool)) > 0).all()
+
+
+def test_what_encloses_a_hole_is_one_obstacle() -> None:
+    ring = 4.0 * np.array([(0, 0), (4, 0), (4, 4), (2, 4), (3, 2), (1, 2), (2, 4), (0, 4)])  # the hole touches the rim
+    holed = Scenario("holed", np.array([-9.0, 0.0, 0.0]), np.array([30.0, 0.0, 0.0]), (ring,))
+    edges, mask = (torch.as_tensor(each)[None] for each in vectors_of(holed))
+    points = torch.tensor([[[8.0, 10.0], [8.0, 4.0], [-3.0, 8.0], [8.0, 20.0]]], dtype=torch.double)
+    distance = signed_distance(points, edges, mask)  # in the hole, in the wall around it, and outside
+    assert distance.shape == (1, 1, 4)
+    assert distance[0, 0].tolist() == pytest.approx([2.0, -4.0, 3.0, 4.0], abs=1e-3)
 
 
 def test_a_wall_beside_the_car_counts_as_nearer_than_blocks_farther_off() -> None:

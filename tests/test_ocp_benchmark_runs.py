@@ -1,8 +1,12 @@
 """The benchmark's runs: guesses on disk, numbers that add up, no run made twice."""
 
 import math
+import os
 import re
-from dataclasses import replace
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +19,8 @@ from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD, Job, Settings, rando
 from drake_gnnocp.ocp_benchmark.guesses import MadeGuess, load_guess, save_guess, with_noise
 from drake_gnnocp.ocp_benchmark.runs import Run, RunsError, append_run, read_runs
 from drake_gnnocp.ocp_benchmark.summary import PEER, summarise
-from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied, WorkerNotStarted
+from drake_gnnocp.single_thread import single_threaded_children
 
 GUESS = "hybrid_astar"
 
@@ -98,14 +103,19 @@ def test_rows_come_back_from_the_file_and_a_torn_one_is_dropped(tmp_path: Path, 
     assert [run.task for run in read_runs(path)[-2:]] == ["b", "d"]
 
 
-@pytest.mark.parametrize(("text", "says"), [("t,x,y\n1,2,3\n", "not a file of runs"), ("", None)])
-def test_another_file_is_not_taken_for_runs(tmp_path: Path, text: str, says: str | None) -> None:
-    (tmp_path / "runs.csv").write_text(text)
-    if says is None:
-        assert read_runs(tmp_path / "runs.csv") == []
-    else:
-        with pytest.raises(RunsError, match=says):
-            read_runs(tmp_path / "runs.csv")
+@pytest.mark.parametrize("text", ["t,x,y\n1,2,3\n", "t,x,y\n1,2,3", "of something else"])
+def test_another_file_is_not_taken_for_runs_and_stays_as_it_is(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "runs.csv"
+    path.write_text(text)
+    with pytest.raises(RunsError, match="not a file of runs"):
+        read_runs(path)
+    assert path.read_text() == text
+
+
+@pytest.mark.parametrize("length", [0, 5])
+def test_a_header_that_was_cut_off_is_a_file_without_runs(tmp_path: Path, length: int) -> None:
+    (tmp_path / "runs.csv").write_text(",".join(field.name for field in fields(Run))[:length])
+    assert read_runs(tmp_path / "runs.csv") == []
 
 
 # ------------------------------------------------------------------------------------------------------ the whole thing
@@ -119,6 +129,29 @@ def test_a_worker_raises_what_its_function_raises_and_survives_a_crash() -> None
         with pytest.raises(WorkerDied):
             worker.call(os_exit, timeout=30.0)
         assert worker.call(threads, timeout=30.0) == "1"
+
+
+def test_a_process_that_is_not_made_ready_is_no_crash_of_a_run() -> None:
+    for first in (os_exit, partial(int, "x")):
+        with Worker(first) as worker:
+            for _ in range(2):  # and no call is ever made without it
+                with pytest.raises(WorkerNotStarted):
+                    worker.call(max, 1, 2, timeout=30.0)
+
+
+def test_children_of_several_threads_have_one_thread_each_and_leave_the_environment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+
+    def child(_: int) -> str:
+        with single_threaded_children():
+            time.sleep(0.002)  # as starting one takes its time
+            return os.environ["OMP_NUM_THREADS"]
+
+    with ThreadPoolExecutor(8) as threads:
+        assert set(threads.map(child, range(40))) == {"1"}
+    assert os.environ["OMP_NUM_THREADS"] == "7"
 
 
 def os_exit() -> None:

@@ -12,12 +12,13 @@ import pytest
 
 import drake_gnnocp
 from drake_gnnocp import Scenario, Trajectory, Vehicle, plan
+from drake_gnnocp.ocp.convex_step import ConvexOptions
 from drake_gnnocp.ocp.cost import Cost
-from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round
+from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round, optimise
 from drake_gnnocp.plan import __main__ as command_line
 from drake_gnnocp.plan import planner
 from drake_gnnocp.plan.__main__ import main
-from drake_gnnocp.plan.guess import GuessUnavailable
+from drake_gnnocp.plan.guess import GuessOptions, GuessUnavailable, straight_guess
 from drake_gnnocp.plan.result import OUT_OF_TIME
 from drake_gnnocp.scenario import bundled_scenarios
 from drake_gnnocp.verification import verify
@@ -212,8 +213,11 @@ def test_a_verified_plan_cut_by_the_budget_is_said_to_be(
 
 def test_ipopt_says_that_its_time_is_over_in_the_words_the_plan_looks_for() -> None:
     scenario = Scenario.load("crowded_yard")
-    result = plan(scenario, "straight", max_seconds=0.7)  # far from enough for a guess through obstacles
-    assert not result.attempts[-1].solver_status or result.attempts[-1].solver_status == OUT_OF_TIME
+    guess = straight_guess(scenario, GuessOptions()).trajectory
+    assert guess is not None
+    options = RefineOptions(convex=ConvexOptions(most_steps=0), reserve=0.0)
+    outcome = optimise(scenario, guess, options, time.monotonic() + 1.0)  # too little for a guess through obstacles
+    assert outcome.rounds[-1].status == OUT_OF_TIME
 
 
 def test_warnings_of_drake_do_not_reach_the_user(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import time
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import torch
 from test_benchmark import PATIENT, cells, run_of
 
 from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.benchmark.methods import Method, Settings
+from drake_gnnocp.benchmark.methods import Method, Settings, methods_named
 from drake_gnnocp.benchmark.tasks import Task
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
@@ -130,6 +131,15 @@ def test_raw_guesses_are_summed_up_by_method_without_those_that_were_not_made() 
     assert cells(made.markdown, "hybrid_astar")[1:5] == ["1", "0", "0", "-"]
     assert csv_row(made, method="gnn")["position_error_m_mean"] == "2"
     assert csv_row(made, method="hybrid_astar")["gap_m_median"] == ""
+
+
+@pytest.mark.parametrize("name", ["table", "test_tasks", "raw_guesses"])
+def test_the_tables_are_of_the_weights_that_come_with_the_package_and_can_be_gone_on_with(name: str) -> None:
+    folder = Path(__file__).parents[1] / "artifacts" / "paper" / "runs" / name
+    found = json.loads((folder / "settings.json").read_text(encoding="utf-8"))
+    settings = Settings(TABLES[name].max_seconds)
+    wanted = settings.to_dict(methods_named(TABLES[name].methods, settings))
+    assert {key: found.get(key) for key in wanted} == wanted
 
 
 def test_inference_is_timed_from_the_scenario_to_the_first_guess(

@@ -13,7 +13,7 @@ from test_dataset import SETTINGS, straight_record
 
 from drake_gnnocp.dataset.generate import check_settings
 from drake_gnnocp.dataset.records import save_records
-from drake_gnnocp.learning.augment import LEAST_GAP, with_strangers, with_walls
+from drake_gnnocp.learning.augment import LEAST_GAP, ROOM, with_strangers, with_walls
 from drake_gnnocp.learning.checkpoint import Network, load_weights
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.overrides import override
@@ -107,7 +107,10 @@ def test_strangers_leave_labels_and_own_obstacles_alone(samples: Samples) -> Non
     assert torch.equal(joined.scene.edges[:, :n], batch.scene.edges)
     assert torch.equal(joined.scene.mask[:, :n], batch.scene.mask)
     assert joined.states is batch.states
-    assert joined.scene.mask[:, n:].any()
+    added, scene = joined.scene.mask[:, n:], joined.scene
+    assert added.any() and not added.any(dim=2).all()
+    axle = batch.states[..., :2]
+    assert signed_distance(axle, scene.edges[:, n:], added).min() > ROOM  # more to its sides
 
 
 def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
@@ -132,16 +135,22 @@ def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
         ["--epochs", "0"],
         ["--config", "other"],
         ["--device", "nowhere"],
+        ["--device", "meta"],
         ["--from", "nowhere.pt"],
+        ["--set", "batch=0"],
+        ["--set", "hypotheses=0"],
     ],
 )
-def test_bad_input_is_one_line(arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line(
+    arguments: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     try:
-        code = main([*arguments, "--out", str(tmp_path)])
+        code = main(["--data", str(data), "--out", str(tmp_path), *arguments])
     except SystemExit as error:
         code = int(error.code or 0)
-    assert code == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    error = capsys.readouterr().err
+    assert code == 2 and error.count("\n") == 1
+    assert arguments[-1].partition("=")[0] in error or arguments[0] in error
 
 
 def test_settings_change_sizes_losses_and_options() -> None:
@@ -182,5 +191,5 @@ def test_planning_quality_counts_every_verified_plan_and_no_failure_for_less(mon
     plans = iter([(0, plan_of(True, 1)), (11, plan_of(True, 150)), (0, plan_of(False, 5)), (12, None)])
     monkeypatch.setattr(quality, "_planned", lambda *_: next(plans))
     found = quality.planning_quality(small_network(), [Scenario.load("map_a")] * 4)
-    assert found["plan_verified"] == 0.5 and found["plan_first"] == 0.5 and found["plan_iterations"] == 5
+    assert found["plan_verified"] == 0.5 and found["plan_first"] == 0.25 and found["plan_iterations"] == 5
     assert found["plan_badness"] == pytest.approx((4 + 3 * quality.FAILURE) / 4)

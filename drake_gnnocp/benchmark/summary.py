@@ -125,10 +125,10 @@ def _ratio_table(sets: Sequence[tuple[str, Sequence[Run]]]) -> str:
 def _disparities(named: Sequence[Run], drawn: Sequence[Run]) -> str:
     """The table of disparities: named scenarios one by one, random tasks together."""
     header = ["scenario", "method", "n", *(name for name, _ in DISPARITIES)]
-    groups = [*grouped(named, lambda run: (run.scenario, run.method))]
-    groups += [(("random tasks", method), group) for method, group in grouped(drawn, lambda run: run.method)]
+    groups = [*grouped(named, lambda run: (run.scenario, run.kind, run.method))]
+    groups += [(("random tasks", "", method), group) for method, group in grouped(drawn, lambda run: run.method)]
     rows = []
-    for (name, method), group in groups:
+    for (name, _, method), group in groups:
         counted = [run for run in group if run.verified and not run.fallback]
         rows.append([name, method, str(len(counted)), *(_median(counted, value, 2) for _, value in DISPARITIES)])
     text = "Cumulated over the knots, the guess that the solver started from against its optimum; the share of its\n"

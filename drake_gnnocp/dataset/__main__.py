@@ -14,7 +14,7 @@ from pathlib import Path
 from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, first_line
 from drake_gnnocp.dataset.datasheet import write_datasheet
 from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset, settings_of
-from drake_gnnocp.dataset.improve import ImproveOptions, improving
+from drake_gnnocp.dataset.improve import ImproveOptions, improving, origin_of
 from drake_gnnocp.plan.guess import GuessUnavailable
 from drake_gnnocp.single_thread import single_threaded_children
 from drake_gnnocp.tasks.place import KINDS
@@ -84,11 +84,14 @@ def main(argv: list[str] | None = None) -> int:
         return BAD_INPUT
     try:
         if improve:
-            settings, make = settings_of(improve), improving(improve, ImproveOptions(arguments.weights))
+            options = ImproveOptions(arguments.weights)
+            settings, make = settings_of(improve), improving(improve, options)
+            origin = origin_of(improve, options)
         else:
             settings, make = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs), None
+            origin = ""
         with _executor(max(1, arguments.jobs), arguments.dask) as executor:
-            generate(settings, tuple(arguments.kinds), arguments.out, executor, make)
+            generate(settings, tuple(arguments.kinds), arguments.out, executor, make, origin)
         write_datasheet(load_dataset(arguments.out), arguments.out)
     except (DatasetError, GuessUnavailable) as error:
         print(error, file=sys.stderr)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import logging
+import zlib
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 from tqdm import tqdm
 
@@ -23,6 +25,7 @@ from drake_gnnocp.trajectory import write_atomically
 logger = logging.getLogger(__name__)
 
 MAPS_PER_SHARD = 20
+ORIGIN = "origin"  # in settings.json, beside the settings
 
 
 class DatasetError(ValueError):
@@ -47,6 +50,7 @@ def generate(
     folder: Path,
     executor: Executor,
     make: MakeMap | None = None,
+    origin: str = "",
 ) -> None:
     """Make the maps that are not in the folder yet.
 
@@ -56,6 +60,7 @@ def generate(
         folder: of the dataset; made where it is missing.
         executor: any with the interface of `concurrent.futures`; maps are its jobs.
         make: makes a map from the settings and its index, in the executor's workers; `make_map` where None.
+        origin: what else `make` depends on; a dataset goes on with the same only.
 
     Raises:
         DatasetError: the folder holds a dataset with other settings.
@@ -63,7 +68,7 @@ def generate(
     """
     for name in ("parts", "shards"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    check_settings(folder, settings)
+    check_settings(folder, settings, origin)
     missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
     jobs: set[Future[MapRecord]] = {executor.submit(make or make_map, settings, index) for index in missing}
     try:
@@ -122,19 +127,19 @@ def _read(files: list[Path]) -> dict[int, MapRecord]:
             records.update({record.index: record for record in load_records(path)})
         except FileNotFoundError:
             continue
-        except (OSError, EOFError, KeyError, ValueError) as error:
+        except (OSError, EOFError, KeyError, ValueError, BadZipFile, zlib.error) as error:
             raise DatasetError(f"{path}: {error}") from None
     return records
 
 
-def check_settings(folder: Path, settings: DatasetSettings) -> None:
+def check_settings(folder: Path, settings: DatasetSettings, origin: str = "") -> None:
     """Write the settings of a new dataset, or see that they are those of the folder.
 
     Raises:
         DatasetError: they are not.
     """
     path = folder / "settings.json"
-    text = json.dumps(asdict(settings), indent=1) + "\n"
+    text = json.dumps(asdict(settings) | ({ORIGIN: origin} if origin else {}), indent=1) + "\n"
     if not path.exists():
         write_atomically(path, text)
     elif (found := path.read_text(encoding="utf-8", errors="replace")) != text:
@@ -150,8 +155,9 @@ def settings_of(folder: Path) -> DatasetSettings:
     """
     path = folder / "settings.json"
     try:
-        return DatasetSettings(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, TypeError, ValueError) as error:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return DatasetSettings(**{name: value for name, value in found.items() if name != ORIGIN})
+    except (OSError, AttributeError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: not the settings of a dataset: {error}") from None
 
 

@@ -7,6 +7,7 @@ that Hybrid A* could not solve get a label as well, where a hypothesis leads to 
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from drake_gnnocp.dataset.records import MapRecord
 from drake_gnnocp.ocp.convex_step import ConvexSteps
 from drake_gnnocp.ocp.cost import evaluate_cost
 from drake_gnnocp.ocp.refine import optimise, take_convex_steps
-from drake_gnnocp.plan.guess import GuessOptions, check_available, gnn_guesses
+from drake_gnnocp.plan.guess import GuessOptions, bundled_weights, check_available, gnn_guesses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.retiming import with_duration
 from drake_gnnocp.trajectory import Trajectory
@@ -49,6 +50,12 @@ def improving(dataset: Path, options: ImproveOptions) -> Callable[[DatasetSettin
     """
     check_available("gnn", GuessOptions(weights=options.weights))
     return partial(improved_map, dataset=dataset, options=options)
+
+
+def origin_of(dataset: Path, options: ImproveOptions) -> str:
+    """What the labels of `improving` depend on, in words: the dataset's folder and the content of the weights."""
+    weights = options.weights or bundled_weights()
+    return f"labels of {dataset.resolve()} improved by weights {hashlib.sha256(weights.read_bytes()).hexdigest()[:16]}"
 
 
 def improved_map(settings: DatasetSettings, index: int, dataset: Path, options: ImproveOptions) -> MapRecord:

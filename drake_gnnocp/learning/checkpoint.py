@@ -54,7 +54,7 @@ def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-        config = content["config"]
+        config, about = content["config"], dict(content["about"])
         network: Network
         if content["kind"] == "default":
             network = TrajectoryNetwork(NetworkConfig(**config))
@@ -65,4 +65,4 @@ def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
         raise WeightsError(f"{path}: {error.strerror}") from None
     except Exception as error:  # torch's own errors for other files have no common class
         raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
-    return network.eval(), content["about"]
+    return network.eval(), about

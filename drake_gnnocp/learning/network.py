@@ -52,6 +52,10 @@ class NetworkConfig:
     refinements: int = 2
     channels: int = 96  # of the convolutions along a trajectory
 
+    def __post_init__(self) -> None:
+        if self.hypotheses < 1 or self.points < 2:
+            raise ValueError(f"hypotheses, points: must be 1 and 2 or more, not {self.hypotheses} and {self.points}")
+
 
 @dataclass(frozen=True)
 class Prediction:

@@ -51,13 +51,14 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """The obstacles and bounds of a scenario as vectors in its own frame.
 
     Returns:
-        (J, E, 4) tail x, y, head x, y [m] and (J, E) bool. Rings go counter-clockwise; repeated vertices are left out.
+        (J, E, 4) tail x, y, head x, y [m] and (J, E) bool. Rings go counter-clockwise, those of
+        holes clockwise; repeated vertices are left out.
     """
     groups = []
     for polygon in map(orient, scenario.polygons):
-        for outline in (polygon.exterior, *polygon.interiors):
-            corners = np.array(outline.coords)
-            groups.append(np.hstack([corners[:-1], corners[1:]]))
+        # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
+        outlines = [np.array(outline.coords) for outline in (polygon.exterior, *polygon.interiors)]
+        groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
     if scenario.bounds is not None:
         xmin, xmax, ymin, ymax = scenario.bounds
         # the free side is on the right of every vector, as it is for rings

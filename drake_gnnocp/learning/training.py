@@ -42,6 +42,10 @@ class TrainingOptions:
     losses: LossWeights = field(default_factory=LossWeights)  # of the `default` network
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if self.batch < 1:
+            raise ValueError(f"batch: must be 1 or more, not {self.batch}")
+
 
 PAPER_TRAINING = TrainingOptions()
 DEFAULT_TRAINING = TrainingOptions(
@@ -184,13 +188,14 @@ def _resumed(path: Path, network: Network, optimiser: torch.optim.Optimizer, set
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         before, progress = content["settings"], Progress(content["epoch"], content["rows"])
+        changed = [name for name in settings if before.get(name) != settings[name]]
+        if not changed:
+            network.load_state_dict(content["weights"])
+            optimiser.load_state_dict(content["optimiser"])
     except Exception as error:  # torch's own errors for other files have no common class
         raise ValueError(f"{path}: not a training of this version: {first_line(error)}; remove it") from None
-    changed = [name for name in settings if before.get(name) != settings[name]]
     if changed:
         other = ", ".join(f"{name} {before.get(name)}" for name in changed)
         raise ValueError(f"{path}: the training here was begun with {other}; choose another --out or remove it")
-    network.load_state_dict(content["weights"])
-    optimiser.load_state_dict(content["optimiser"])
     logger.info("going on after epoch %d", progress.epoch)
     return progress

@@ -18,6 +18,10 @@ class WorkerDied(RuntimeError):
     """The process crashed, or did not answer in time and was ended."""
 
 
+class WorkerNotStarted(ValueError):
+    """The process ended, or was not ready in time, before its first call: nothing is known of any function."""
+
+
 class Worker:
     """Calls functions in a process of its own, which is started again after a crash.
 
@@ -41,8 +45,15 @@ class Worker:
 
         Raises:
             WorkerDied: there was no answer in `timeout` [s], or the process ended.
+            WorkerNotStarted: there was no process, and none could be made ready.
         """
-        pipe = self._pipe or self._start()
+        if self._pipe is None:
+            self._start()
+        return self._answer(function, arguments, timeout)
+
+    def _answer(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float) -> Any:
+        pipe = self._pipe
+        assert pipe is not None
         try:
             pipe.send((function, arguments))
             if not pipe.poll(timeout):
@@ -58,15 +69,18 @@ class Worker:
             raise value
         return value
 
-    def _start(self) -> Connection:
+    def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
         with single_threaded_children():
             self._process.start()
         theirs.close()
-        self.call(self._first, timeout=START_SECONDS)
-        return self._pipe
+        try:
+            self._answer(self._first, (), START_SECONDS)
+        except Exception as error:
+            self._stop()
+            raise WorkerNotStarted(f"a process for the runs could not be made ready: {error}") from error
 
     def _stop(self) -> None:
         if self._process is not None:

@@ -73,10 +73,9 @@ def check_available(kind: str, options: GuessOptions | None = None) -> None:
         weights = options.weights if options else None
         try:
             load_network(weights)
-        except GuessUnavailable as error:
+        except GuessUnavailable:
             if kind == "gnn" or weights:
                 raise
-            logger.warning("%s; going on with Hybrid A*", error)
     if kind == "rrt_star" and not is_available():
         raise GuessUnavailable("guess: 'rrt_star' needs OMPL: pip install ompl, or pip install -e .[rrt_star]")
 
@@ -106,10 +105,11 @@ def _load_network(path: Path, _changed: int) -> Network:
 
 
 def has_network(options: GuessOptions) -> bool:
-    """Whether there is a trained network."""
+    """Whether there is a trained network; where not, a warning says so."""
     try:
         load_network(options.weights)
-    except GuessUnavailable:
+    except GuessUnavailable as error:
+        logger.warning("%s; going on with Hybrid A*", error)
         return False
     return True
 

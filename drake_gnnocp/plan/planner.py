@@ -40,7 +40,8 @@ def plan(
         guess: source of the first guess, one of `drake_gnnocp.plan.guess.GUESSES`; "auto" is the best there is.
         horizon: t_final [s], or "guess" to take it from the guess, or "free" to optimise it with a weight on time
             along several paths.
-        max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned.
+        max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned. Loading the network,
+            at a process's first plan with it, is not part of it.
         options: see `PlanOptions`.
 
     Raises:
@@ -59,7 +60,8 @@ def plan(
         tried = _all_polished(local, tried, options, begin + max_seconds)
     best = _best(tried, horizon)
     if best.start is None:  # nothing was found in time: the least there is to show
-        best = replace(best, start=straight_guess(local, options.guess).trajectory)
+        shown = straight_guess(local, options.guess).trajectory
+        best = replace(best, start=shown, attempt=replace(best.attempt, guess="straight"))
     return _result(scenario, best, tried, time.monotonic() - begin)
 
 

@@ -41,13 +41,13 @@ def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float
     """
     network.eval()
     plans = [(rank, plan) for rank, plan in (_planned(network, task) for task in tasks) if plan is not None]
-    first = [(rank, plan.rounds[0]) for rank, plan in plans if plan.verification.verified]
-    work = [min(FAILURE, each.iterations + each.convex_steps + PASSED_OVER * rank) for rank, each in first]
+    verified = [(rank, plan.rounds[0]) for rank, plan in plans if plan.verification.verified]
+    work = [min(FAILURE, each.iterations + each.convex_steps + PASSED_OVER * rank) for rank, each in verified]
     return {
-        "plan_verified": len(first) / len(tasks),
-        "plan_first": sum(rank == 0 for rank, _ in plans) / len(tasks),
+        "plan_verified": len(verified) / len(tasks),
+        "plan_first": sum(rank == 0 for rank, _ in verified) / len(tasks),
         "plan_iterations": float(statistics.median([plan.rounds[0].iterations for _, plan in plans] or [FAILURE])),
-        "plan_badness": (sum(work) + FAILURE * (len(tasks) - len(first))) / len(tasks),
+        "plan_badness": (sum(work) + FAILURE * (len(tasks) - len(verified))) / len(tasks),
     }
 
 

@@ -93,6 +93,7 @@ class Plan:
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / "result.json").unlink(missing_ok=True)  # an older one would speak of the new files
         self.scenario.save(folder / "scenario.json")
         for name, trajectory in (("trajectory.csv", self.trajectory or self.guess), ("guess.csv", self.guess)):
             if trajectory is None:

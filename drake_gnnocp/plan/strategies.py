@@ -28,6 +28,7 @@ from drake_gnnocp.search.path import n_sections
 
 Horizon = float | str  # seconds, "guess" or "free"
 SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A* or RRT*
+CHOOSING = 2.0  # s, for choosing a hypothesis before any time is kept for Hybrid A*: half of what is left, at most
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
 QUICK = Costs(reverse=0.0, steering=0.0, gear_change=5.0, steering_change=0.2)
@@ -48,7 +49,7 @@ class PlanOptions:
     retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
     fine: FineOptions = field(default_factory=FineOptions)
     hypotheses: int = 12  # of the network, the best by its ranking: those whose convex steps settle are solved
-    learned_share: float = 0.1  # of the time, for each of them at most
+    learned_share: float = 0.1  # of the time, for the solve of each; with "auto" for choosing among them as well
     other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
     most_attempts: int | None = None  # strategies that are tried; None: all there are
     polish: PolishOptions = field(default_factory=PolishOptions)  # with the horizon "free"
@@ -125,7 +126,9 @@ def _learned(
     first = Strategy("gnn", Guess(best), 0.0, 1.0, options.learned_share, timed=True, improves=improves)
     if isinstance(horizon, str):
         spent = time.monotonic() - begin
-        until = begin + options.learned_share * (deadline - begin)
+        left = deadline - begin
+        kept = max(options.learned_share * left, min(CHOOSING, left / 2))
+        until = begin + kept if guess == "auto" else deadline
         hypotheses = islice(chain([best], made), options.hypotheses)
         for candidate in settled_hypotheses(scenario, hypotheses, options.refine, until):
             seconds, spent = spent + candidate.seconds, 0.0

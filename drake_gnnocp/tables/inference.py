@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from tqdm import tqdm
+
 from drake_gnnocp.benchmark.methods import Method, warm_up
 from drake_gnnocp.benchmark.tasks import Task
 from drake_gnnocp.ocp_benchmark.worker import Worker
@@ -27,7 +29,7 @@ def measure(tasks: Sequence[Task], methods: Sequence[Method], repeats: int) -> S
     """Seconds of the first guesses, methods and repeats in turn, in a process with one thread."""
     found: Seconds = {method.name: [] for method in methods}
     with Worker(partial(warm_up, methods)) as worker:
-        for task in tasks:
+        for task in tqdm(tasks, unit="task"):
             runs = worker.call(first_guess_seconds, task, methods, repeats, timeout=TIMEOUT)
             for method, seconds in zip(methods, runs, strict=True):
                 found[method.name].append(seconds)

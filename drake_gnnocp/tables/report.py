@@ -36,7 +36,7 @@ DISPARITY: dict[str, Value] = {  # the paper's four bars
 }
 DISPARITY_NOTE = """\
 Cumulated distance of the guess that the solver started from and the optimum it led to, over 120 equal steps of their
-durations: the four bars of the paper. Medians over the verified plans.
+durations: the four bars of the paper. Medians over the plans that the method's own guess led to.
 """
 
 
