@@ -106,6 +106,12 @@ def test_a_cluster_that_is_not_there_is_named(
     assert capsys.readouterr().err.startswith("--dask: tcp://nowhere:1: ")
 
 
+def test_weights_are_for_improving(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--weights", "best.pt", "--out", str(tmp_path / "new")]) == 2
+    assert capsys.readouterr().err == "--weights: only with --improve\n"
+    assert not (tmp_path / "new").exists()
+
+
 def test_a_dataset_is_not_improved_in_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--improve", str(tmp_path), "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith("--improve: ")

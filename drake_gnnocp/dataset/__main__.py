@@ -50,7 +50,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
     improve = (
-        "solve the tasks of the dataset in DIR, all of them, again from a network's hypotheses; keep cheaper plans"
+        "solve the tasks of the dataset in DIR, all of them whatever --maps, --pairs and --seed say, again from a "
+        "network's hypotheses; keep cheaper plans"
     )
     add("--improve", type=Path, metavar="DIR", help=improve)
     add("--weights", type=Path, metavar="FILE", help="weights for --improve (default: those of the package)")
@@ -79,6 +80,9 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
     improve: Path | None = arguments.improve
+    if arguments.weights and not improve:
+        print("--weights: only with --improve", file=sys.stderr)
+        return BAD_INPUT
     if improve and improve.resolve() == arguments.out.resolve():
         print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
         return BAD_INPUT

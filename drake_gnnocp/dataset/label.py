@@ -12,7 +12,7 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.retiming import gently_timed
 from drake_gnnocp.trajectory import Trajectory
 
-KEPT, NO_PATH, UNVERIFIED, TOO_LONG = "kept", "no path", "unverified", "too long"
+KEPT, NO_PATH, UNVERIFIED, TOO_LONG = "kept", "no path", "unverified", "too long"  # also for its knots
 OUTCOMES = (KEPT, NO_PATH, UNVERIFIED, TOO_LONG)
 SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 

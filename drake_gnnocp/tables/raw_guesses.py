@@ -1,9 +1,9 @@
 r"""Guesses as they are, whether or not they lead to a plan.
 
 Of a task's methods, each makes one guess: the network's is its first-ranked hypothesis as predicted, that of Hybrid A*
-has the timing with which the planner gives it to the solver. Known local optima P* are the verified plans that any of
-the methods found for the task. At k = 1..N, N = 120 equal steps of their durations, the error of a guess is that to
-the nearest of them:
+has the timing with which the planner gives it to the solver (but for paths of many gear changes, which get a finer one
+there). Known local optima P* are the verified plans that any of the methods found for the task. At k = 1..N, N = 120
+equal steps of their durations, the error of a guess is that to the nearest of them:
 
     min over P* of  1/N sum_k |p_k - p*_k|
 """
