@@ -140,7 +140,7 @@ def test_a_folder_keeps_its_settings_and_weights_by_their_content(tmp_path: Path
 
 @pytest.mark.parametrize("method", ["gnn_direct", "hybrid_astar_direct"])
 def test_a_direct_method_gives_its_first_guess_to_ipopt_without_convex_steps(method: str) -> None:
-    task = named_tasks(["map_b"])[0]
+    task = named_tasks(["map_c"])[0]
     (direct,) = methods_named([method], Settings())
     run = run_method(task, direct, 0, PATIENT)
     assert run.verified and not run.fallback and run.convex_steps == 0 and run.first_iterations > 5

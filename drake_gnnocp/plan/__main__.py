@@ -76,10 +76,10 @@ def main(argv: list[str] | None = None) -> int:
         if not arguments.max_seconds > 0:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
         scenario = Scenario.load(arguments.scenario)
+        check_available(arguments.guess)
         folder = arguments.out or Path("artifacts") / "plans" / scenario.name
         folder.mkdir(parents=True, exist_ok=True)
         scenario.save(folder / "scenario.json")  # before anything is computed that could then not be written
-        check_available(arguments.guess)
     except (ValueError, OSError) as error:
         print(_one_line(error), file=sys.stderr)
         return BAD_INPUT
