@@ -146,8 +146,8 @@ def test_bad_input_is_one_line(
 ) -> None:
     try:
         code = main(["--data", str(data), "--out", str(tmp_path), *arguments])
-    except SystemExit as error:
-        code = int(error.code or 0)
+    except SystemExit as stop:
+        code = int(stop.code or 0)
     error = capsys.readouterr().err
     assert code == 2 and error.count("\n") == 1
     assert arguments[-1].partition("=")[0] in error or arguments[0] in error
