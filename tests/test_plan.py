@@ -211,6 +211,18 @@ def test_a_verified_plan_cut_by_the_budget_is_said_to_be(
     assert cut == (status == "Wall time exceeded")
 
 
+def test_a_folder_that_cannot_be_written_is_noticed_before_planning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(dir: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(dir))
+
+    monkeypatch.setattr(command_line, "TemporaryFile", refused)
+    monkeypatch.setattr(command_line, "plan", None)
+    assert main(["map_a", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"--out: {tmp_path}: Permission denied\n"
+
+
 def test_ipopt_says_that_its_time_is_over_in_the_words_the_plan_looks_for() -> None:
     scenario = Scenario.load("crowded_yard")
     guess = straight_guess(scenario, GuessOptions()).trajectory

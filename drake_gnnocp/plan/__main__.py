@@ -6,6 +6,7 @@ import argparse
 import logging
 import sys
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from drake_gnnocp.command_line import BAD_INPUT, OneLineParser
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
@@ -79,7 +80,8 @@ def main(argv: list[str] | None = None) -> int:
         check_available(arguments.guess)
         folder = arguments.out or Path("artifacts") / "plans" / scenario.name
         folder.mkdir(parents=True, exist_ok=True)
-        scenario.save(folder / "scenario.json")  # before anything is computed that could then not be written
+        with TemporaryFile(dir=folder):  # raises before anything is computed that could then not be written
+            pass
     except (ValueError, OSError) as error:
         print(_one_line(error), file=sys.stderr)
         return BAD_INPUT
