@@ -140,8 +140,12 @@ def run_training(
     training, validation = Samples.of(learned, points), Samples.of(unseen, points)
     if not len(training) or not len(validation):
         raise DatasetError(f"{arguments.data}: needs trajectories on training and on validation maps")
-    origin = {"data": str(arguments.data), "trajectories": len(training), "from": str(arguments.start or "")}
-    origin["check_tasks"] = len(tasks)  # the best weights are those of the best check of the same tasks
+    origin = {
+        "data": str(arguments.data),
+        "trajectories": len(training),
+        "from": str(arguments.start or ""),
+        "check_tasks": len(tasks),  # the best weights are those of the best check of the same tasks
+    }
     progress = train(network, training, validation, options, folder, after_epoch, origin)
     save_curves_picture(progress.rows, folder / "curves.png")
     return progress

@@ -60,6 +60,7 @@ def save_records(path: Path, records: list[MapRecord]) -> None:
 
 def load_records(path: Path) -> list[MapRecord]:
     """Read what `save_records` wrote."""
+    # opened here: numpy leaves a file open that is no whole archive
     with path.open("rb") as source, np.load(source, allow_pickle=False) as file:
         arrays = dict(file)
     arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept

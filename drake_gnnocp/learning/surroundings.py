@@ -62,7 +62,7 @@ def signed_distance(points: Tensor, edges: Tensor, mask: Tensor) -> Tensor:
 def _towards_edges(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """From points to the nearest points of every edge: x, y, squared length, and how far right of the edge [m, m^2].
 
-    All (E, B, J, P), so that the long axis is the last: most of the time of a plan's inference is spent here.
+    All (E, B, J, P): with the long axis last, a CPU takes half the time it does with the edges last.
     """
     edges = edges.masked_fill(~mask[..., None], FAR)  # one point far away
     tail_x, tail_y, head_x, head_y = edges.permute(3, 2, 0, 1).contiguous()[..., None].unbind(dim=0)  # (E, B, J, 1)

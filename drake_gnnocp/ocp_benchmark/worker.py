@@ -47,13 +47,11 @@ class Worker:
             WorkerDied: there was no answer in `timeout` [s], or the process ended.
             WorkerNotStarted: there was no process, and none could be made ready.
         """
-        if self._pipe is None:
-            self._start()
-        return self._answer(function, arguments, timeout)
+        return self._answer(self._pipe or self._start(), function, arguments, timeout)
 
-    def _answer(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float) -> Any:
-        pipe = self._pipe
-        assert pipe is not None
+    def _answer(
+        self, pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float
+    ) -> Any:
         try:
             pipe.send((function, arguments))
             if not pipe.poll(timeout):
@@ -69,7 +67,7 @@ class Worker:
             raise value
         return value
 
-    def _start(self) -> None:
+    def _start(self) -> Connection:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
@@ -77,10 +75,11 @@ class Worker:
             self._process.start()
         theirs.close()
         try:
-            self._answer(self._first, (), START_SECONDS)
+            self._answer(self._pipe, self._first, (), START_SECONDS)
         except Exception as error:
             self._stop()
             raise WorkerNotStarted(f"a process for the runs could not be made ready: {error}") from error
+        return self._pipe
 
     def _stop(self) -> None:
         if self._process is not None:

@@ -20,7 +20,7 @@ From a scenario to the first-ranked hypothesis on 120 knots, as the planner asks
 ranking and interpolation, on one thread. Milliseconds, median / 95th percentile: of every run, and of the quickest run
 of each task, which is what the machine can do when nothing else is on it. The paper: 700 ms.
 """
-TIMEOUT = 600.0  # s, for all runs of a method on one task
+TIMEOUT = 600.0  # s, for all runs on one task
 
 Seconds = dict[str, list[list[float]]]  # by method, of each task's runs
 
