@@ -1,6 +1,6 @@
 """Trajectory planning in unstructured places: a guess, optimal control with Drake, and independent verification."""
 
-from drake_gnnocp.plan import Plan, plan
+from drake_gnnocp.planner import Plan, plan
 from drake_gnnocp.scenario import Scenario, ScenarioError
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle

@@ -1,14 +1,26 @@
-"""What the command lines share: bad input is one line on stderr and exit code 2."""
+"""The command line `python -m drake_gnnocp.plan [SCENARIO]`, and what it shares with those of the experiments.
+
+Bad input is one line on stderr and exit code 2.
+"""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import NoReturn
 
-DONE, BAD_INPUT = 0, 2  # exit codes
+from drake_gnnocp.guesses.sources import GUESSES, check_available
+from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
+from drake_gnnocp.planner.planner import LONGEST, Horizon, check_horizon, plan
+from drake_gnnocp.planner.result import Plan
+from drake_gnnocp.scenario import Scenario, bundled_scenarios
+
+DONE, BAD_INPUT, NOT_VERIFIED = 0, 2, 3  # exit codes
+PICTURES = ("plan.png", "states.png", "replay.html")
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -53,11 +65,6 @@ def _at_most(most: float, meaning: str, text: str) -> float:
     return value
 
 
-def first_line(error: Exception) -> str:
-    """What an error says, in one short line."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-
-
 def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueError) -> int:
     """Print the texts that a command makes, as they come; what is wrong with its input is one line on stderr.
 
@@ -80,3 +87,95 @@ def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueErro
         return BAD_INPUT
     print(f"written to {out}")
     return DONE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.plan",
+        description="Plan a trajectory for a car among polygons, verify it, and draw it.",
+        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still written).",
+    )
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default="map_a",
+        help="a bundled name (see --list), a .json or a TPCAP .csv file (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--guess", choices=GUESSES, default="auto", help="where the first guess comes from (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/plans/NAME)")
+    parser.add_argument(
+        "--max-seconds",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="wall-clock budget of planning in seconds (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--horizon",
+        type=_horizon,
+        default="guess",
+        metavar="{guess,free,SECONDS}",
+        help="duration: the guess's, optimised with a weight on time, or a constant in seconds (default: %(default)s)",
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="write no plan.png, states.png and replay.html")
+    parser.add_argument("--list", action="store_true", help="list the bundled scenarios and exit")
+    parser.add_argument("--verbose", action="store_true", help="log what is tried")
+    return parser
+
+
+def _horizon(text: str) -> Horizon:
+    try:
+        horizon: Horizon = text if text in ("guess", "free") else float(text)
+        check_horizon(horizon)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be guess, free or 0 to {LONGEST:g} seconds, not {text!r}") from None
+    return horizon
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING)
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; attempts say so
+    if arguments.list:
+        for name in bundled_scenarios():
+            print(name)
+        return DONE
+    try:
+        if not arguments.max_seconds > 0:
+            raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
+        scenario = Scenario.load(arguments.scenario)
+        check_available(arguments.guess)
+        folder = arguments.out or Path("artifacts") / "plans" / scenario.name
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):  # raises before anything is computed that could then not be written
+            pass
+    except (ValueError, OSError) as error:
+        print(_one_line(error), file=sys.stderr)
+        return BAD_INPUT
+    result = plan(scenario, arguments.guess, arguments.horizon, arguments.max_seconds)
+    result.save(folder)
+    for name in PICTURES:
+        (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
+    if not arguments.no_pictures:
+        _save_pictures(result, folder)
+    print(result.summary)
+    print(f"written to {folder}")
+    return DONE if result.verified else NOT_VERIFIED
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return f"--out: {error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def _save_pictures(result: Plan, folder: Path) -> None:
+    scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
+    title = f"{scenario.name}: {result.status}"
+    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title)
+    if trajectory is not None:
+        save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
+        save_replay(folder / "replay.html", scenario, trajectory)

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.geometry import convex_parts, polygons_of
-from drake_gnnocp.text_files import parse_json, read_text
-from drake_gnnocp.tpcap import parse_tpcap
-from drake_gnnocp.trajectory import write_atomically
+from drake_gnnocp.files import parse_json, read_text, write_atomically
+from drake_gnnocp.polygons import convex_parts, polygons_of
+from drake_gnnocp.scenario_files import parse_tpcap
 from drake_gnnocp.vehicle import Vehicle
 
 KEYS = ("name", "start", "goal", "obstacles", "bounds", "vehicle")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from drake_gnnocp.files import write_atomically
 from drake_gnnocp.vehicle import Input, State
 
 COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
@@ -99,13 +99,3 @@ def _row(where: str, line: str) -> list[float]:
     if len(values) != len(COLUMNS):
         raise ValueError(f"{where}: must be {len(COLUMNS)} numbers, not {line:.80}")
     return values
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write content to a temporary file beside path, then rename: a killed run leaves no half-written file."""
-    temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
-    try:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -14,17 +14,17 @@ from test_benchmark import cells, run_of
 from test_tables import here
 
 from drake_gnnocp import Scenario, plan
-from drake_gnnocp.analysis import __main__ as command_line
-from drake_gnnocp.analysis.__main__ import NAMES, available, main
-from drake_gnnocp.analysis.curves import curve_rows, summary
-from drake_gnnocp.analysis.parameters import BASE, Parameter, Point, parameters
-from drake_gnnocp.analysis.picture import analysis_figure
-from drake_gnnocp.benchmark.methods import Method
-from drake_gnnocp.benchmark.tasks import Task
+from drake_gnnocp.experiments.benchmark.methods import Method
+from drake_gnnocp.experiments.benchmark.tasks import Task
+from drake_gnnocp.experiments.ocp_benchmark.worker import Worker
+from drake_gnnocp.experiments.reports.analysis import command as command_line
+from drake_gnnocp.experiments.reports.analysis.command import NAMES, available, main
+from drake_gnnocp.experiments.reports.analysis.curves import curve_rows, summary
+from drake_gnnocp.experiments.reports.analysis.parameters import BASE, Parameter, Point, parameters
+from drake_gnnocp.experiments.reports.analysis.picture import analysis_figure
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
-from drake_gnnocp.ocp_benchmark.worker import Worker
-from drake_gnnocp.plan.planner import PlanOptions
+from drake_gnnocp.planner.planner import PlanOptions
 
 MACHINE = "a machine\n"
 TINY = NetworkConfig(width=16, heads=1, encoder_layers=1, proposer_layers=1, refinements=1, channels=8)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drake_gnnocp import artifacts
-from drake_gnnocp.artifacts import COLOURS, WIDTH, Artifact
+from drake_gnnocp.experiments import artifacts
+from drake_gnnocp.experiments.artifacts import COLOURS, WIDTH, Artifact
 
 TABLES = """# Title
 

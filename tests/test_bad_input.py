@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from drake_gnnocp.plan import guess as guess_module
-from drake_gnnocp.plan.__main__ import main
+from drake_gnnocp.command_line import main
+from drake_gnnocp.guesses import sources as guess_module
 
 BAD_INPUT = 2  # exit code
 TRIANGLE = [[8, 8], [9, 8], [8, 9]]

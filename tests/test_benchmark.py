@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, plan
-from drake_gnnocp.benchmark import benchmark as benchmark_module
-from drake_gnnocp.benchmark import tasks as tasks_module
-from drake_gnnocp.benchmark.__main__ import main
-from drake_gnnocp.benchmark.benchmark import Benchmark
-from drake_gnnocp.benchmark.disparity import disparity
-from drake_gnnocp.benchmark.methods import Settings, methods_named, run_method
-from drake_gnnocp.benchmark.paper_table import PAPER
-from drake_gnnocp.benchmark.runs import Run
-from drake_gnnocp.benchmark.summary import summarise
-from drake_gnnocp.benchmark.tasks import TEST_MAPS, Task, drawn_tasks, named_tasks
-from drake_gnnocp.dataset.records import split_of
+from drake_gnnocp.experiments.benchmark import benchmark as benchmark_module
+from drake_gnnocp.experiments.benchmark import tasks as tasks_module
+from drake_gnnocp.experiments.benchmark.benchmark import Benchmark
+from drake_gnnocp.experiments.benchmark.command import main
+from drake_gnnocp.experiments.benchmark.disparity import disparity
+from drake_gnnocp.experiments.benchmark.methods import Settings, methods_named, run_method
+from drake_gnnocp.experiments.benchmark.paper_table import PAPER
+from drake_gnnocp.experiments.benchmark.row_files import RunsError, read_rows
+from drake_gnnocp.experiments.benchmark.runs import Run
+from drake_gnnocp.experiments.benchmark.summary import summarise
+from drake_gnnocp.experiments.benchmark.tasks import TEST_MAPS, Task, drawn_tasks, named_tasks
+from drake_gnnocp.experiments.dataset.records import split_of
+from drake_gnnocp.experiments.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.experiments.tasks.draw import kind_of
+from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.guesses.sources import bundled_weights
 from drake_gnnocp.ocp.ipopt import IpoptOptions
-from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied
-from drake_gnnocp.plan.guess import bundled_weights
-from drake_gnnocp.row_files import RunsError, read_rows
-from drake_gnnocp.tasks.draw import kind_of
-from drake_gnnocp.tasks.place import KINDS
 
 PAPER_TEX = Path(__file__).parents[2] / "shared" / "paper" / "paper.tex"
 ROUNDING = 1e-9  # relative, sums of 120 doubles

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, Vehicle
+from drake_gnnocp.experiments.ocp_benchmark.guesses import with_noise
+from drake_gnnocp.guesses.sources import GuessOptions, straight_guess
 from drake_gnnocp.ocp.convex_step import ConvexOptions, convex_steps
 from drake_gnnocp.ocp.cost import convex_proximity, proximity
 from drake_gnnocp.ocp.dynamics import defects
@@ -14,8 +16,6 @@ from drake_gnnocp.ocp.half_planes import SWEPT_GAP, half_planes
 from drake_gnnocp.ocp.problem import ProblemOptions
 from drake_gnnocp.ocp.refine import RefineOptions, optimise
 from drake_gnnocp.ocp.rings import ConvexRings
-from drake_gnnocp.ocp_benchmark.guesses import with_noise
-from drake_gnnocp.plan.guess import GuessOptions, straight_guess
 from drake_gnnocp.verification import min_clearance
 
 DIFFERENCE_STEP = 1e-6

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from drake_gnnocp.dataset import generate as module
-from drake_gnnocp.dataset.__main__ import main
-from drake_gnnocp.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
-from drake_gnnocp.dataset.label import KEPT, NO_PATH, Label, LabelOptions, label
-from drake_gnnocp.dataset.records import SPLITS, MapRecord, load_records, save_records, split_of
-from drake_gnnocp.learning.samples import Samples
+from drake_gnnocp.experiments.dataset import generate as module
+from drake_gnnocp.experiments.dataset.command import main
+from drake_gnnocp.experiments.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
+from drake_gnnocp.experiments.dataset.label import KEPT, NO_PATH, Label, LabelOptions, label
+from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord, load_records, save_records, split_of
+from drake_gnnocp.experiments.tasks.draw import draw_place, draw_tasks, kind_of
+from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.tasks.draw import draw_place, draw_tasks, kind_of
-from drake_gnnocp.tasks.place import KINDS
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import verify

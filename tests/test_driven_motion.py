@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from drake_gnnocp.simulation import MAX_STEP, drive
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
-from drake_gnnocp.verification import MAX_STEP, drive
 
 SAME_MOTION = 1e-10  # m and rad: Simpson on 5 ms steps and RK4 on 1 ms agree to 4e-12 over the few metres here
 EXACT = 1e-11  # m: Simpson's rule is exact for cubics, what is left is rounding over a thousand steps

@@ -12,22 +12,23 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 
-from drake_gnnocp.benchmark.disparity import N_COMPARED
-from drake_gnnocp.figures import __main__ as command_line
-from drake_gnnocp.figures import plans as plans_module
-from drake_gnnocp.figures.__main__ import main
-from drake_gnnocp.figures.catalogue import FIGURES
-from drake_gnnocp.figures.comparison import MISSING, UNVERIFIED, disparity_figure
-from drake_gnnocp.figures.errors import distances
-from drake_gnnocp.figures.interpolation import interpolation_figure, turns
-from drake_gnnocp.figures.plans import Plans, Skipped, Solved
-from drake_gnnocp.figures.sheet import PAGE
+from drake_gnnocp.experiments.benchmark.disparity import N_COMPARED
+from drake_gnnocp.experiments.figures import command as command_line
+from drake_gnnocp.experiments.figures import plans as plans_module
+from drake_gnnocp.experiments.figures.catalogue import FIGURES
+from drake_gnnocp.experiments.figures.command import main
+from drake_gnnocp.experiments.figures.comparison import MISSING, UNVERIFIED, disparity_figure
+from drake_gnnocp.experiments.figures.errors import distances
+from drake_gnnocp.experiments.figures.interpolation import interpolation_figure, turns
+from drake_gnnocp.experiments.figures.plans import Plans, Skipped, Solved
+from drake_gnnocp.experiments.figures.sheet import PAGE
+from drake_gnnocp.guesses import sources as guess
+from drake_gnnocp.guesses.sources import GuessOptions, straight_guess
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.pictures.style import DPI
-from drake_gnnocp.plan import Plan, guess
-from drake_gnnocp.plan.guess import GuessOptions, straight_guess
+from drake_gnnocp.planner import Plan
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 

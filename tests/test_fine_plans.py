@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, Vehicle, plan
+from drake_gnnocp.guesses.sources import Guess, GuessOptions, hybrid_astar_guess
 from drake_gnnocp.ocp.cost import Cost
 from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round
-from drake_gnnocp.plan import planner
-from drake_gnnocp.plan.fine import FineOptions, fine_guess, fine_refine
-from drake_gnnocp.plan.guess import Guess, GuessOptions, hybrid_astar_guess
-from drake_gnnocp.plan.polish import PolishOptions
-from drake_gnnocp.plan.strategies import PlanOptions
+from drake_gnnocp.planner import planner
+from drake_gnnocp.planner.many_shifts import FineOptions, fine_guess, fine_refine
+from drake_gnnocp.planner.minimum_time import PolishOptions
+from drake_gnnocp.planner.schedule import PlanOptions
 from drake_gnnocp.search.path import n_sections
-from drake_gnnocp.search.speed_planner import SpeedOptions
+from drake_gnnocp.timing.speed_planner import SpeedOptions
 from drake_gnnocp.verification import min_clearance, verify
 
 ROUNDING = 1e-9  # relative

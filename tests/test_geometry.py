@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from drake_gnnocp.geometry import clean_ring, convex_parts, polygons_of, signed_area
+from drake_gnnocp.polygons import clean_ring, convex_parts, polygons_of, signed_area
 
 Points = Sequence[tuple[float, float]]
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_gnnocp.dataset import improve as module
-from drake_gnnocp.dataset.__main__ import main
-from drake_gnnocp.dataset.generate import (
+from drake_gnnocp.experiments.dataset import improve as module
+from drake_gnnocp.experiments.dataset.command import main
+from drake_gnnocp.experiments.dataset.generate import (
     DatasetError,
     DatasetSettings,
     check_settings,
@@ -21,12 +21,12 @@ from drake_gnnocp.dataset.generate import (
     make_map,
     settings_of,
 )
-from drake_gnnocp.dataset.improve import ImproveOptions, improved_label
-from drake_gnnocp.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
-from drake_gnnocp.dataset.records import save_records
+from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improved_label
+from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
+from drake_gnnocp.experiments.dataset.records import save_records
+from drake_gnnocp.guesses.sources import GuessOptions, straight_guess
 from drake_gnnocp.learning.checkpoint import new_network, save_weights
 from drake_gnnocp.learning.network import NetworkConfig
-from drake_gnnocp.plan.guess import GuessOptions, straight_guess
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import verify

@@ -13,14 +13,8 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, plan
-from drake_gnnocp.learning.network import NetworkConfig
-from drake_gnnocp.learning.predict import interpolated
-from drake_gnnocp.learning.spline import spline_matrices
-from drake_gnnocp.ocp.convex_step import ConvexSteps
-from drake_gnnocp.ocp.refine import RefineOptions
-from drake_gnnocp.plan import guess as guess_module
-from drake_gnnocp.plan import strategies as strategies_module
-from drake_gnnocp.plan.guess import (
+from drake_gnnocp.guesses import sources as guess_module
+from drake_gnnocp.guesses.sources import (
     GuessOptions,
     GuessUnavailable,
     bundled_weights,
@@ -29,8 +23,14 @@ from drake_gnnocp.plan.guess import (
     load_network,
     straight_guess,
 )
-from drake_gnnocp.plan.learned import Candidate, settled_hypotheses
-from drake_gnnocp.plan.strategies import PlanOptions
+from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.predict import interpolated
+from drake_gnnocp.learning.spline import spline_matrices
+from drake_gnnocp.ocp.convex_step import ConvexSteps
+from drake_gnnocp.ocp.refine import RefineOptions
+from drake_gnnocp.planner import schedule as strategies_module
+from drake_gnnocp.planner.hypotheses import Candidate, settled_hypotheses
+from drake_gnnocp.planner.schedule import PlanOptions
 
 ROUNDING = 1e-9  # of double precision, a few operations on numbers up to 100
 SINGLE = 1e-5  # m, rad: float32 at coordinates of 30 m

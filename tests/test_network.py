@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from drake_gnnocp.experiments.training.losses import LossWeights, clearance_error, kinematic_error, network_loss
+from drake_gnnocp.experiments.training.samples import Batch
+from drake_gnnocp.experiments.training.training import loss_of
 from drake_gnnocp.learning.checkpoint import (
     CONFIGS,
     Network,
@@ -19,13 +22,10 @@ from drake_gnnocp.learning.checkpoint import (
     save_weights,
 )
 from drake_gnnocp.learning.features import defects
-from drake_gnnocp.learning.losses import LossWeights, clearance_error, kinematic_error, network_loss
 from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig
-from drake_gnnocp.learning.samples import Batch
 from drake_gnnocp.learning.scene import Scene, mirrored, scene_of, vectors_of
 from drake_gnnocp.learning.surroundings import nearest_obstacles, signed_distance
-from drake_gnnocp.learning.training import loss_of
 from drake_gnnocp.scenario import Scenario
 
 SAME = 2e-3  # m and rad: float32 on tens of metres through some 20 layers

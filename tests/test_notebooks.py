@@ -14,7 +14,7 @@ from typing import Any
 import nbformat
 import pytest
 
-from drake_gnnocp.notebooks import CLONE, STAMP, fingerprint, main, notebooks, read
+from drake_gnnocp.experiments.notebooks import CLONE, STAMP, fingerprint, main, notebooks, read
 
 NAMES = ["01_quickstart", "02_your_own_scenario", "03_inside_the_ocp", "04_train_the_gnn", "05_the_paper"]
 QUICK = ("01_quickstart", "05_the_paper")  # the others take a quarter of a minute and more

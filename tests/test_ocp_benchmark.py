@@ -8,14 +8,14 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp.experiments.ocp_benchmark.casadi_peer import formulate, solve_with_casadi
+from drake_gnnocp.experiments.ocp_benchmark.pair_rows import PairRows
+from drake_gnnocp.experiments.ocp_benchmark.peer_problem import PeerProblem, peer_problem
+from drake_gnnocp.experiments.ocp_benchmark.tutorial import build_tutorial
+from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
 from drake_gnnocp.ocp.cost import CostWeights, evaluate_cost
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.refine import RefineOptions
-from drake_gnnocp.ocp_benchmark.casadi_peer import formulate, solve_with_casadi
-from drake_gnnocp.ocp_benchmark.pair_rows import PairRows
-from drake_gnnocp.ocp_benchmark.peer_problem import PeerProblem, peer_problem
-from drake_gnnocp.ocp_benchmark.tutorial import build_tutorial
-from drake_gnnocp.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
 from drake_gnnocp.verification import verify
 
 EXACT = 1e-11  # two ways of computing the same number; areas cancel a few digits

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Trajectory
-from drake_gnnocp.ocp_benchmark import benchmark
-from drake_gnnocp.ocp_benchmark.__main__ import main
-from drake_gnnocp.ocp_benchmark.benchmark import NO_METHOD, Job, Settings, random_tasks, run_benchmark
-from drake_gnnocp.ocp_benchmark.guesses import MadeGuess, load_guess, save_guess, with_noise
-from drake_gnnocp.ocp_benchmark.runs import Run, RunsError, append_run, read_runs
-from drake_gnnocp.ocp_benchmark.summary import PEER, summarise
-from drake_gnnocp.ocp_benchmark.worker import Worker, WorkerDied, WorkerNotStarted
-from drake_gnnocp.single_thread import single_threaded_children
+from drake_gnnocp.experiments.ocp_benchmark import benchmark
+from drake_gnnocp.experiments.ocp_benchmark.benchmark import NO_METHOD, Job, Settings, random_tasks, run_benchmark
+from drake_gnnocp.experiments.ocp_benchmark.command import main
+from drake_gnnocp.experiments.ocp_benchmark.guesses import MadeGuess, load_guess, save_guess, with_noise
+from drake_gnnocp.experiments.ocp_benchmark.runs import Run, RunsError, append_run, read_runs
+from drake_gnnocp.experiments.ocp_benchmark.summary import PEER, summarise
+from drake_gnnocp.experiments.ocp_benchmark.worker import Worker, WorkerDied, WorkerNotStarted
+from drake_gnnocp.experiments.single_thread import single_threaded_children
 
 GUESS = "hybrid_astar"
 

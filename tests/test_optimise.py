@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp.guesses.sources import GuessOptions, hybrid_astar_guess, straight_guess
 from drake_gnnocp.ocp import refine
 from drake_gnnocp.ocp.convex_step import ConvexOptions
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
 from drake_gnnocp.ocp.refine import RefineOptions, optimise
-from drake_gnnocp.plan.guess import GuessOptions, hybrid_astar_guess, straight_guess
-from drake_gnnocp.search.retiming import gently_timed
+from drake_gnnocp.timing.minimum_effort import gently_timed
 from drake_gnnocp.verification import min_clearance, verify
 
 N_KNOTS = 60

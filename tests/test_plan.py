@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 import drake_gnnocp
-from drake_gnnocp import Scenario, Trajectory, Vehicle, plan
+from drake_gnnocp import Scenario, Trajectory, Vehicle, command_line, plan
+from drake_gnnocp.command_line import main
+from drake_gnnocp.guesses.sources import GuessOptions, GuessUnavailable, straight_guess
 from drake_gnnocp.ocp.convex_step import ConvexOptions
 from drake_gnnocp.ocp.cost import Cost
 from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round, optimise
-from drake_gnnocp.plan import __main__ as command_line
-from drake_gnnocp.plan import planner
-from drake_gnnocp.plan.__main__ import main
-from drake_gnnocp.plan.guess import GuessOptions, GuessUnavailable, straight_guess
-from drake_gnnocp.plan.result import OUT_OF_TIME
+from drake_gnnocp.planner import planner
+from drake_gnnocp.planner.result import OUT_OF_TIME
 from drake_gnnocp.scenario import bundled_scenarios
 from drake_gnnocp.verification import verify
 
@@ -233,7 +232,7 @@ def test_ipopt_says_that_its_time_is_over_in_the_words_the_plan_looks_for() -> N
 
 
 def test_warnings_of_drake_do_not_reach_the_user(tmp_path: Path) -> None:
-    code = "import logging, sys; from drake_gnnocp.plan.__main__ import main; main(sys.argv[1:])"
+    code = "import logging, sys; from drake_gnnocp.command_line import main; main(sys.argv[1:])"
     code += "; logging.getLogger('drake').warning('IPOPT terminated')"
     command = [sys.executable, "-c", code, "--list"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)

@@ -9,9 +9,9 @@ import pytest
 from drake_gnnocp import Scenario, Trajectory, plan
 from drake_gnnocp.ocp.cost import Cost
 from drake_gnnocp.ocp.refine import Optimised, RefineOptions, Round
-from drake_gnnocp.plan import polish
-from drake_gnnocp.plan.polish import PolishOptions, polished, worth_polishing
-from drake_gnnocp.plan.strategies import PlanOptions
+from drake_gnnocp.planner import minimum_time as polish
+from drake_gnnocp.planner.minimum_time import PolishOptions, polished, worth_polishing
+from drake_gnnocp.planner.schedule import PlanOptions
 from drake_gnnocp.verification import verify
 
 OPTIONS = PolishOptions()

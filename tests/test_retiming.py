@@ -5,8 +5,8 @@ import pytest
 
 from drake_gnnocp import Trajectory, Vehicle
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.search.retiming import gently_timed, with_duration
-from drake_gnnocp.search.speed_planner import plan_speed
+from drake_gnnocp.timing.minimum_effort import gently_timed, with_duration
+from drake_gnnocp.timing.speed_planner import plan_speed
 
 EXACT = 1e-9  # closed forms in double precision
 ON_KNOTS = 0.03  # m, a gear change lies between two knots of the new timing

@@ -10,8 +10,8 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Vehicle, plan
-from drake_gnnocp.plan.__main__ import main
-from drake_gnnocp.plan.guess import GuessOptions, rrt_star_guess
+from drake_gnnocp.command_line import main
+from drake_gnnocp.guesses.sources import GuessOptions, rrt_star_guess
 from drake_gnnocp.search.polyline import geared
 from drake_gnnocp.search.rrt_star import RrtStarOptions, _Lines, rrt_star_path
 

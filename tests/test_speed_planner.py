@@ -8,8 +8,8 @@ import pytest
 
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.reeds_shepp import shortest_path
-from drake_gnnocp.search.speed_planner import plan_speed
-from drake_gnnocp.search.speed_profile import SpeedOptions
+from drake_gnnocp.timing.speed_planner import plan_speed
+from drake_gnnocp.timing.speed_profile import SpeedOptions
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
 

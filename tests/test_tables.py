@@ -17,21 +17,21 @@ import torch
 from test_benchmark import PATIENT, cells, run_of
 
 from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.benchmark.methods import Method, Settings, methods_named
-from drake_gnnocp.benchmark.tasks import Task
+from drake_gnnocp.experiments.benchmark.methods import Method, Settings, methods_named
+from drake_gnnocp.experiments.benchmark.row_files import RunsError, read_rows
+from drake_gnnocp.experiments.benchmark.tasks import Task
+from drake_gnnocp.experiments.ocp_benchmark.worker import Worker
+from drake_gnnocp.experiments.reports.tables import command as command_line
+from drake_gnnocp.experiments.reports.tables import inference
+from drake_gnnocp.experiments.reports.tables.command import TABLES, main
+from drake_gnnocp.experiments.reports.tables.maps import map_report
+from drake_gnnocp.experiments.reports.tables.raw_guesses import RawGuess, measure, nearest, raw_report
+from drake_gnnocp.experiments.reports.tables.report import Report
+from drake_gnnocp.experiments.reports.tables.unseen import unseen_report
+from drake_gnnocp.guesses.sources import GuessOptions, gnn_guesses
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.ocp_benchmark.worker import Worker
-from drake_gnnocp.plan.guess import GuessOptions, gnn_guesses
-from drake_gnnocp.plan.planner import PlanOptions
-from drake_gnnocp.row_files import RunsError, read_rows
-from drake_gnnocp.tables import __main__ as command_line
-from drake_gnnocp.tables import inference
-from drake_gnnocp.tables.__main__ import TABLES, main
-from drake_gnnocp.tables.maps import map_report
-from drake_gnnocp.tables.raw_guesses import RawGuess, measure, nearest, raw_report
-from drake_gnnocp.tables.report import Report
-from drake_gnnocp.tables.unseen import unseen_report
+from drake_gnnocp.planner.planner import PlanOptions
 
 MACHINE = "a machine\n"
 ROUNDING = 1e-9  # m, of sums of 120 doubles

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import shapely
 
+from drake_gnnocp.experiments.tasks.car_parks import CarParkOptions, random_car_park
+from drake_gnnocp.experiments.tasks.ends import random_ends_of
+from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_ends, random_obstacles
+from drake_gnnocp.experiments.tasks.place import Place
+from drake_gnnocp.experiments.tasks.rows import RowOptions
+from drake_gnnocp.experiments.tasks.shapes import SLOT_CLEARANCE, VehicleOptions, box, moved, random_vehicle
+from drake_gnnocp.experiments.tasks.yards import random_yard
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.tasks.car_parks import CarParkOptions, random_car_park
-from drake_gnnocp.tasks.ends import random_ends_of
-from drake_gnnocp.tasks.open_maps import MapOptions, TaskOptions, random_ends, random_obstacles
-from drake_gnnocp.tasks.place import Place
-from drake_gnnocp.tasks.rows import RowOptions
-from drake_gnnocp.tasks.shapes import SLOT_CLEARANCE, VehicleOptions, box, moved, random_vehicle
-from drake_gnnocp.tasks.yards import random_yard
 from drake_gnnocp.vehicle import Vehicle
 
 N = 16  # places of each kind

@@ -11,19 +11,19 @@ import pytest
 import torch
 from test_dataset import SETTINGS, straight_record
 
-from drake_gnnocp.dataset.generate import check_settings
-from drake_gnnocp.dataset.records import save_records
-from drake_gnnocp.learning.augment import LEAST_GAP, ROOM, with_strangers, with_walls
+from drake_gnnocp.experiments.dataset.generate import check_settings
+from drake_gnnocp.experiments.dataset.records import save_records
+from drake_gnnocp.experiments.training import quality
+from drake_gnnocp.experiments.training.augment import LEAST_GAP, ROOM, with_strangers, with_walls
+from drake_gnnocp.experiments.training.command import main
+from drake_gnnocp.experiments.training.overrides import override
+from drake_gnnocp.experiments.training.samples import Samples
+from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
 from drake_gnnocp.learning.checkpoint import Network, load_weights
 from drake_gnnocp.learning.network import NetworkConfig
-from drake_gnnocp.learning.overrides import override
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.learning.samples import Samples
 from drake_gnnocp.learning.surroundings import signed_distance
-from drake_gnnocp.learning.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
-from drake_gnnocp.plan import quality
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.train import main
 from drake_gnnocp.vehicle import Vehicle
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_gnnocp.trajectory import Trajectory, write_atomically
+from drake_gnnocp.files import write_atomically
+from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State
 
 EXACT = 1e-12  # a few float operations on numbers of order one

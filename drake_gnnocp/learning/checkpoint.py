@@ -9,10 +9,9 @@ from typing import Any
 
 import torch
 
-from drake_gnnocp.command_line import first_line
+from drake_gnnocp.files import first_line, write_atomically
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.trajectory import write_atomically
 
 CONFIGS = ("default", "paper")
 Network = TrajectoryNetwork | PaperNetwork

@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import smooth_l1_loss
 
+from drake_gnnocp.experiments.training.losses import LossParts
 from drake_gnnocp.learning.features import LENGTH
-from drake_gnnocp.learning.losses import LossParts
 from drake_gnnocp.learning.network import Prediction, mlp
 from drake_gnnocp.learning.scene import Scene
 from drake_gnnocp.vehicle import State

@@ -9,8 +9,8 @@ import shapely
 
 from drake_gnnocp.ocp.separating_line import best_normal
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.simulation import CHECK_STEP, drive
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.verification import CHECK_STEP, drive
 
 Pair = tuple[int, int]  # interval, convex obstacle
 

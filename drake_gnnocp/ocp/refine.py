@@ -25,17 +25,10 @@ from drake_gnnocp.ocp.pairs import Pair, close_pairs, overlapping_pairs
 from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
 from drake_gnnocp.ocp.separating_line import Separation
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
-from drake_gnnocp.verification import (
-    HEADING_TOLERANCE,
-    POSITION_TOLERANCE,
-    DrivenMotion,
-    Verification,
-    drive,
-    min_clearance,
-    verify,
-)
+from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
 
 TOO_LATE = "out of time before the first solve"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from drake_gnnocp.geometry import signed_area
+from drake_gnnocp.polygons import signed_area
 
 Mesh = tuple[np.ndarray, np.ndarray]
 

@@ -18,11 +18,12 @@ import shapely
 from pydrake.geometry import Box, Meshcat, MeshcatAnimation, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
 
+from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
 from drake_gnnocp.pictures.scene import extent, polygons_near, relative
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.trajectory import Trajectory, write_atomically
+from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 
 FRAMES_PER_SECOND = 30.0

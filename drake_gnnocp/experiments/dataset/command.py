@@ -1,0 +1,108 @@
+"""Make the dataset from the command line: `python -m drake_gnnocp.dataset`."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count
+from drake_gnnocp.experiments.dataset.datasheet import write_datasheet
+from drake_gnnocp.experiments.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset, settings_of
+from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improving, origin_of
+from drake_gnnocp.experiments.single_thread import single_threaded_children
+from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.files import first_line
+from drake_gnnocp.guesses.sources import GuessUnavailable
+
+DEFAULTS = DatasetSettings()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.dataset",
+        description="Draw random maps and tasks, solve each by Hybrid A* and optimal control, keep the verified plans. "
+        "What is in the folder already is not made again: a run that was stopped goes on.",
+        epilog="Exit code: 0 done; 2 bad input. The whole takes about 4 hours on 2 cores.",
+    )
+    add = parser.add_argument
+    add("--maps", type=count, default=DEFAULTS.maps, metavar="N", help="number of maps (default: %(default)s)")
+    pairs = "pairs of start and goal on each map (default: %(default)s)"
+    add("--pairs", type=count, default=DEFAULTS.pairs, metavar="N", help=pairs)
+    add("--seed", type=count, default=DEFAULTS.seed, metavar="N", help="seed of everything (default: %(default)s)")
+    add(
+        "--kinds",
+        nargs="+",
+        choices=KINDS,
+        default=list(KINDS),
+        help="make only maps of these kinds now (default: all)",
+    )
+    add(
+        "--jobs",
+        type=count,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: %(default)s, the cores)",
+    )
+    add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
+    improve = (
+        "solve the tasks of the dataset in DIR, all of them whatever --maps, --pairs and --seed say, again from a "
+        "network's hypotheses; keep cheaper plans"
+    )
+    add("--improve", type=Path, metavar="DIR", help=improve)
+    add("--weights", type=Path, metavar="FILE", help="weights for --improve (default: those of the package)")
+    out = Path("artifacts") / "dataset"
+    add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
+    return parser
+
+
+@contextmanager
+def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
+    if dask is None:
+        with single_threaded_children(), ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor:
+            yield executor
+        return
+    try:
+        from distributed import Client  # an extra: most users need one machine
+
+        client = Client(dask)
+    except (ImportError, OSError, ValueError) as error:
+        raise DatasetError(f"--dask: {dask}: {first_line(error)}") from None
+    with client:
+        yield client.get_executor(pure=False)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments and make what is missing; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    improve: Path | None = arguments.improve
+    if arguments.weights and not improve:
+        print("--weights: only with --improve", file=sys.stderr)
+        return BAD_INPUT
+    if improve and improve.resolve() == arguments.out.resolve():
+        print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
+        return BAD_INPUT
+    try:
+        if improve:
+            options = ImproveOptions(arguments.weights)
+            settings, make = settings_of(improve), improving(improve, options)
+            origin = origin_of(improve, options)
+        else:
+            settings, make = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs), None
+            origin = ""
+        with _executor(max(1, arguments.jobs), arguments.dask) as executor:
+            generate(settings, tuple(arguments.kinds), arguments.out, executor, make, origin)
+        write_datasheet(load_dataset(arguments.out), arguments.out)
+    except (DatasetError, GuessUnavailable) as error:
+        print(error, file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"--out: {error.filename or arguments.out}: {error.strerror or error}", file=sys.stderr)
+        return BAD_INPUT
+    print(f"written to {arguments.out}")
+    return DONE

@@ -1,0 +1,134 @@
+"""What is stored of a map: the place, its tasks, and a verified trajectory of every task that has one.
+
+Maps are stored in `.npz` files, one or many a file, as arrays without pickled objects:
+
+    map_*       one row a map: index, kind, area, vehicle, number of rings, slots and tasks
+    ring_size, vertices, slots                     rings and slots of all maps one after the other
+    task_*      one row a task: start, goal, outcome, cost, iterations, rounds, source
+    duration, knots                                one row a task whose outcome is "kept"; knots are float32
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drake_gnnocp.experiments.dataset.label import KEPT, SEARCHED, Label
+from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS
+from drake_gnnocp.experiments.tasks.place import Place
+from drake_gnnocp.files import write_atomically
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import Vehicle
+
+SPLITS = ("train", "validation", "test")
+
+
+@dataclass(frozen=True)
+class MapRecord:
+    """A map with its tasks and how each of them ended."""
+
+    index: int
+    place: Place
+    tasks: tuple[Scenario, ...]
+    labels: tuple[Label, ...]
+
+    @property
+    def split(self) -> str:
+        """One of SPLITS: maps, never samples, are split."""
+        return split_of(self.index)
+
+
+def split_of(index: int) -> str:
+    """The split of map `index`: of ten maps two are for validation and for the test.
+
+    Of the paper's maps those for validation are open ones and car parks, those for the test open ones and yards. Of the
+    maps after them it is the other way round, so that there is every kind in every split.
+    """
+    held_out = ("validation", "test") if index < PAPER_MAPS else ("test", "validation")
+    return {8: held_out[0], 9: held_out[1]}.get(index % 10, "train")
+
+
+def save_records(path: Path, records: list[MapRecord]) -> None:
+    """Write maps; a killed run leaves no half-written file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **_arrays(records))  # type: ignore[arg-type]
+    write_atomically(path, buffer.getvalue())
+
+
+def load_records(path: Path) -> list[MapRecord]:
+    """Read what `save_records` wrote."""
+    # opened here: numpy leaves a file open that is no whole archive
+    with path.open("rb") as source, np.load(source, allow_pickle=False) as file:
+        arrays = dict(file)
+    arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept
+    rings = iter(np.split(arrays["vertices"], np.cumsum(arrays["ring_size"])[:-1]))
+    slots, tasks, samples = (
+        iter(arrays["slots"]),
+        iter(range(len(arrays["task_outcome"]))),
+        iter(zip(arrays["duration"], arrays["knots"], strict=True)),
+    )
+    records = []
+    for row, index in enumerate(arrays["map_index"].tolist()):
+        place = Place(
+            str(arrays["map_kind"][row]),
+            tuple(arrays["map_area"][row].tolist()),
+            tuple(next(rings) for _ in range(arrays["map_rings"][row])),
+            tuple(next(slots) for _ in range(arrays["map_slots"][row])),
+            Vehicle(*arrays["map_vehicle"][row].tolist()),
+        )
+        rows = [next(tasks) for _ in range(arrays["map_tasks"][row])]
+        labels = tuple(_label(arrays, task, samples) for task in rows)
+        records.append(MapRecord(index, place, tuple(_scenario(arrays, task, place) for task in rows), labels))
+    return records
+
+
+def _scenario(arrays: dict[str, np.ndarray], task: int, place: Place) -> Scenario:
+    name, start, goal = (arrays[f"task_{key}"][task] for key in ("name", "start", "goal"))
+    return Scenario(str(name), start, goal, place.obstacles, vehicle=place.vehicle)
+
+
+def _label(arrays: dict[str, np.ndarray], task: int, samples: object) -> Label:
+    outcome, cost, iterations, rounds = (
+        arrays[f"task_{key}"][task].item() for key in ("outcome", "cost", "iterations", "rounds")
+    )
+    trajectory = None
+    if outcome == KEPT:
+        duration, knots = next(samples)  # type: ignore[call-overload]
+        knots = knots.astype(float)
+        trajectory = Trajectory(np.linspace(0.0, float(duration), len(knots)), knots[:, :5], knots[:, 5:])
+    return Label(outcome, trajectory, cost, iterations, rounds, str(arrays["task_source"][task]))
+
+
+def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
+    places = [record.place for record in records]
+    rings = [ring for place in places for ring in place.obstacles]
+    tasks = [task for record in records for task in record.tasks]
+    labels = [each for record in records for each in record.labels]
+    kept = [each.trajectory for each in labels if each.trajectory is not None]
+    knots = [np.hstack([each.states, each.inputs]) for each in kept]
+    return {
+        "map_index": np.array([record.index for record in records]),
+        "map_kind": np.array([place.kind for place in places]),
+        "map_area": np.array([place.area for place in places]).reshape(-1, 4),
+        "map_vehicle": np.array([list(place.vehicle.to_dict().values()) for place in places]),
+        "map_rings": np.array([len(place.obstacles) for place in places]),
+        "map_slots": np.array([len(place.slots) for place in places]),
+        "map_tasks": np.array([len(record.tasks) for record in records]),
+        "ring_size": np.array([len(ring) for ring in rings], dtype=int),
+        "vertices": np.concatenate([np.zeros((0, 2)), *rings]),
+        "slots": np.array([slot for place in places for slot in place.slots]).reshape(-1, 3),
+        "task_name": np.array([task.name for task in tasks], dtype=str),
+        "task_start": np.array([task.start for task in tasks]).reshape(-1, 3),
+        "task_goal": np.array([task.goal for task in tasks]).reshape(-1, 3),
+        "task_outcome": np.array([each.outcome for each in labels], dtype=str),
+        "task_cost": np.array([each.cost for each in labels], dtype=float),
+        "task_iterations": np.array([each.iterations for each in labels], dtype=int),
+        "task_rounds": np.array([each.rounds for each in labels], dtype=int),
+        "task_source": np.array([each.source for each in labels], dtype=str),
+        "duration": np.array([each.duration for each in kept], dtype=float),
+        "knots": np.array(knots, dtype=np.float32).reshape(len(kept), -1, 7) if kept else np.zeros((0, 2, 7)),
+    }

@@ -1,0 +1,93 @@
+"""Draw the paper's figures from the command line: `python -m drake_gnnocp.figures [NAME...]`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
+from drake_gnnocp.experiments.figures.catalogue import FIGURES
+from drake_gnnocp.experiments.figures.plans import Plans, Skipped
+from drake_gnnocp.guesses.sources import GuessUnavailable, load_network
+from drake_gnnocp.pictures.style import save_figure
+
+FORMATS = ("png", "pdf")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.figures",
+        description="Draw the figures of the paper, each as PNG and PDF. What cannot be drawn here (without trained "
+        "weights, or without OMPL) is skipped, with a line on stderr that says why.",
+        epilog="Exit code: 0 done, however many figures were skipped; 2 bad input.",
+    )
+    add = parser.add_argument
+    add("names", nargs="*", type=_name, metavar="NAME", help="which figures, see --list (default: all)")
+    add("--list", action="store_true", help="list the figures and exit")
+    out = Path("artifacts") / "paper"
+    add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
+    add("--weights", type=Path, metavar="FILE", help="weights of the network (default: the package's)")
+    add(
+        "--dense-weights",
+        type=Path,
+        metavar="FILE",
+        help="weights of a network that predicts 120 points, for 'interpolation' (default: none, its part is left out)",
+    )
+    add(
+        "--max-seconds",
+        type=seconds,
+        default=30.0,
+        metavar="S",
+        help="wall-clock budget of one plan in seconds (default: %(default)g)",
+    )
+    return parser
+
+
+def _name(text: str) -> str:
+    if text not in FIGURES:
+        raise argparse.ArgumentTypeError(f"must be one of {', '.join(FIGURES)}, not {text!r}")
+    return text
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments and draw; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.basicConfig(format="%(message)s")
+    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit
+    if arguments.list:
+        for name, entry in FIGURES.items():
+            print(f"{name:<14} {entry.shows}")
+        return DONE
+    plans = Plans(arguments.weights, arguments.dense_weights, arguments.max_seconds)
+    try:
+        for weights in filter(None, (arguments.weights, arguments.dense_weights)):
+            load_network(weights)
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        drawn = draw_all(list(dict.fromkeys(arguments.names)) or list(FIGURES), plans, arguments.out)
+    except GuessUnavailable as error:
+        print(error, file=sys.stderr)
+        return BAD_INPUT
+    except OSError as error:
+        print(f"--out: {error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    print(f"{len(drawn)} figures written to {arguments.out}: {', '.join(drawn) or 'none'}")
+    return DONE
+
+
+def draw_all(names: list[str], plans: Plans, folder: Path) -> list[str]:
+    """Draw figures into a folder, and return the names of those that could be drawn."""
+    drawn = []
+    for name in tqdm(names, unit="figure", disable=None):  # no bar where nobody looks
+        try:
+            figure = FIGURES[name].draw(plans)
+        except Skipped as reason:
+            tqdm.write(f"{name}: skipped: {reason}", file=sys.stderr)
+            continue
+        for suffix in FORMATS:
+            save_figure(figure, folder / f"{name}.{suffix}")
+        drawn.append(name)
+    return drawn

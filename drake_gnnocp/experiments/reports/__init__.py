@@ -1,0 +1,1 @@
+"""Reports that are made from the runs of the benchmark."""

@@ -1,0 +1,135 @@
+"""The dataset as tensors, and batches of it, mirrored and reversed at random."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from drake_gnnocp.experiments.dataset.records import MapRecord
+from drake_gnnocp.learning.scene import (
+    Scene,
+    into_frame,
+    mirrored,
+    reversed_in_time,
+    states_into_frame,
+    vectors_of,
+    vehicle_row,
+)
+from drake_gnnocp.vehicle import State
+
+BATCHES_SORTED = 16  # batches among which samples are sorted by their number of obstacles
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Scenes with their labels, in the frames of the starts."""
+
+    scene: Scene
+    states: Tensor  # (B, T, 5) [m, m, rad, m/s, rad]
+    duration: Tensor  # (B,) [s]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Verified trajectories on M maps, in the frames of the maps."""
+
+    edges: Tensor  # (M, J, E, 4) [m]
+    mask: Tensor  # (M, J, E)
+    vehicle: Tensor  # (M, 8)
+    map: Tensor  # (S,) row of the map
+    states: Tensor  # (S, T, 5) at equal steps [m, m, rad, m/s, rad]
+    duration: Tensor  # (S,) [s]
+
+    def __len__(self) -> int:
+        return len(self.duration)
+
+    @classmethod
+    def of(cls, records: Iterable[MapRecord], points: int) -> Samples:
+        """The kept trajectories of maps, at `points` points each."""
+        vectors: list[tuple[np.ndarray, np.ndarray]] = []
+        vehicles: list[list[float]] = []
+        rows: list[int] = []
+        states: list[np.ndarray] = []
+        durations: list[float] = []
+        for record in records:
+            kept = [each.trajectory for each in record.labels if each.trajectory is not None]
+            if not kept:
+                continue
+            rows += [len(vectors)] * len(kept)
+            vectors.append(vectors_of(record.tasks[0]))
+            vehicles.append(vehicle_row(record.place.vehicle))
+            states += [trajectory.resampled(points).states for trajectory in kept]
+            durations += [trajectory.duration for trajectory in kept]
+        edges, mask = _stacked(vectors)
+        return cls(
+            edges,
+            mask,
+            torch.tensor(vehicles),
+            torch.tensor(rows),
+            torch.tensor(np.array(states)).float(),
+            torch.tensor(durations).float(),
+        )
+
+    def random_batches(self, size: int, generator: torch.Generator) -> list[Tensor]:
+        """All samples in random batches of rows, each of samples with about as many obstacles: less is padding."""
+        order = torch.randperm(len(self), generator=generator, device=self.duration.device)
+        obstacles = self.mask.any(dim=2).sum(dim=1)[self.map]
+        batches: list[Tensor] = []
+        for some in order.split(size * BATCHES_SORTED):
+            batches += some[torch.argsort(obstacles[some], stable=True)].split(size)
+        shuffled = torch.randperm(len(batches), generator=generator, device=order.device)
+        return [batches[i] for i in shuffled.tolist()]
+
+    def batch(self, rows: Tensor, mirror: Tensor, reverse: Tensor) -> Batch:
+        """Samples `rows` (B,), some of them mirrored or reversed in time: (B,) bool each."""
+        of_map = self.map[rows]
+        mask = self.mask[of_map]
+        n_obstacles, n_edges = _used(mask.any(dim=2)), _used(mask.any(dim=1))
+        edges, mask = self.edges[of_map, :n_obstacles, :n_edges], mask[:, :n_obstacles, :n_edges]
+        states = self.states[rows]
+        states = torch.where(reverse[:, None, None], reversed_in_time(states), states)
+        frames = states[:, 0, : State.V]
+        local = states_into_frame(states, frames)
+        goal = local[:, -1, : State.V].clone()
+        turns = torch.round(goal[:, State.THETA] / (2 * torch.pi))
+        goal[:, State.THETA] -= 2 * torch.pi * turns
+        scene = Scene(into_frame(edges, frames), mask, goal, self.vehicle[of_map])
+        seen, seen_states = mirrored(scene, local)
+        scene = Scene(
+            torch.where(mirror[:, None, None, None], seen.edges, scene.edges),
+            mask,
+            torch.where(mirror[:, None], seen.goal, scene.goal),
+            scene.vehicle,
+        )
+        return Batch(scene, torch.where(mirror[:, None, None], seen_states, local), self.duration[rows])
+
+    def plain_batch(self, rows: Tensor) -> Batch:
+        """Samples as they are."""
+        never = torch.zeros(len(rows), dtype=torch.bool)
+        return self.batch(rows, never, never)
+
+    def random_batch(self, rows: Tensor, generator: torch.Generator) -> Batch:
+        """Samples, each mirrored and reversed with even odds."""
+        coins = torch.rand(2, len(rows), generator=generator) < 0.5
+        return self.batch(rows, coins[0], coins[1])
+
+
+def _used(mask: Tensor) -> int:
+    """How many columns of a mask (B, N) are used, at least 1."""
+    used = mask.any(dim=0).nonzero()
+    return int(used.max()) + 1 if len(used) else 1
+
+
+def _stacked(vectors: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Tensor, Tensor]:
+    """Edges (J, E, 4) and masks of all maps, padded to the largest."""
+    j = max([1, *(mask.shape[0] for _, mask in vectors)])
+    e = max([1, *(mask.shape[1] for _, mask in vectors)])
+    edges, masks = torch.zeros(len(vectors), j, e, 4), torch.zeros(len(vectors), j, e, dtype=torch.bool)
+    for row, (edge, mask) in enumerate(vectors):
+        edges[row, : edge.shape[0], : edge.shape[1]] = torch.as_tensor(edge)
+        masks[row, : mask.shape[0], : mask.shape[1]] = torch.as_tensor(mask)
+    return edges, masks

@@ -1,0 +1,8 @@
+"""The command `python -m drake_gnnocp.figures`, see `drake_gnnocp.experiments.figures.command`."""
+
+import sys
+
+from drake_gnnocp.experiments.figures.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Where the first guess of the optimal control problem comes from."""

@@ -1,0 +1,8 @@
+"""The command `python -m drake_gnnocp.ocp_benchmark`, see `drake_gnnocp.experiments.ocp_benchmark.command`."""
+
+import sys
+
+from drake_gnnocp.experiments.ocp_benchmark.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

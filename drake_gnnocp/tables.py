@@ -1,0 +1,8 @@
+"""The command `python -m drake_gnnocp.tables`, see `drake_gnnocp.experiments.reports.tables.command`."""
+
+import sys
+
+from drake_gnnocp.experiments.reports.tables.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())
