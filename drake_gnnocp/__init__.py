@@ -1,8 +1,50 @@
 """Trajectory planning in unstructured places: a guess, optimal control with Drake, and independent verification."""
 
-from drake_gnnocp.planner import Plan, plan
-from drake_gnnocp.scenario import Scenario, ScenarioError
+from drake_gnnocp.guesses import (
+    Given,
+    Guess,
+    GuessSource,
+    GuessUnavailable,
+    HybridAStar,
+    Learned,
+    NoGuess,
+    RrtStar,
+    Straight,
+)
+from drake_gnnocp.ocp.costs import CostWeights
+from drake_gnnocp.planner import Attempt, Fixed, FromGuess, MinimumTime, Plan, PlanOptions, plan
+from drake_gnnocp.scenario import Scenario, ScenarioError, bundled_scenarios
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
+from drake_gnnocp.verification import Verification, verify
 
-__all__ = ["Plan", "Scenario", "ScenarioError", "Trajectory", "Vehicle", "plan"]
+__version__ = "0.1.0"
+
+__all__ = [
+    "Attempt",
+    "CostWeights",
+    "Fixed",
+    "FromGuess",
+    "Given",
+    "Guess",
+    "GuessSource",
+    "GuessUnavailable",
+    "HybridAStar",
+    "HybridAStarOptions",
+    "Learned",
+    "MinimumTime",
+    "NoGuess",
+    "Plan",
+    "PlanOptions",
+    "RrtStar",
+    "Scenario",
+    "ScenarioError",
+    "Straight",
+    "Trajectory",
+    "Vehicle",
+    "Verification",
+    "bundled_scenarios",
+    "plan",
+    "verify",
+]

@@ -1,8 +1,8 @@
-"""The command `python -m drake_gnnocp.benchmark`, see `drake_gnnocp.experiments.benchmark.command`."""
+"""The command `python -m drake_gnnocp.benchmark`, see `drake_gnnocp.experiments.reports.planning`."""
 
 import sys
 
-from drake_gnnocp.experiments.benchmark.command import main
+from drake_gnnocp.experiments.reports.planning import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,9 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NoReturn
 
-from drake_gnnocp.guesses.sources import GUESSES, check_available
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
-from drake_gnnocp.planner.planner import LONGEST, Horizon, check_horizon, plan
+from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, horizon_of
+from drake_gnnocp.planner.options import GUESSES, PlanOptions, source_named
+from drake_gnnocp.planner.planner import plan
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
@@ -127,11 +128,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _horizon(text: str) -> Horizon:
     try:
-        horizon: Horizon = text if text in ("guess", "free") else float(text)
-        check_horizon(horizon)
+        return horizon_of(text) if text in ("guess", "free") else Fixed(float(text))
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be guess, free or 0 to {LONGEST:g} seconds, not {text!r}") from None
-    return horizon
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -147,7 +146,7 @@ def main(argv: list[str] | None = None) -> int:
         if not arguments.max_seconds > 0:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
         scenario = Scenario.load(arguments.scenario)
-        check_available(arguments.guess)
+        source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
         folder = arguments.out or Path("artifacts") / "plans" / scenario.name
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):  # raises before anything is computed that could then not be written

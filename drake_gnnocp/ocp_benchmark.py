@@ -1,8 +1,8 @@
-"""The command `python -m drake_gnnocp.ocp_benchmark`, see `drake_gnnocp.experiments.ocp_benchmark.command`."""
+"""The command `python -m drake_gnnocp.ocp_benchmark`, see `drake_gnnocp.experiments.reports.solving`."""
 
 import sys
 
-from drake_gnnocp.experiments.ocp_benchmark.command import main
+from drake_gnnocp.experiments.reports.solving import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""A planning task: start, goal, polygons, optional bounds and vehicle; read from JSON and TPCAP CSV files."""
+"""A planning task: start, goal, polygons, optional bounds and vehicle."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.files import parse_json, read_text, write_atomically
+from drake_gnnocp.files import write_atomically
 from drake_gnnocp.polygons import convex_parts, polygons_of
-from drake_gnnocp.scenario_files import parse_tpcap
+from drake_gnnocp.scenario_files import (
+    BOUNDS,
+    KEYS,
+    POSE,
+    SUFFIXES,
+    ScenarioError,
+    as_json,
+    checked_fields,
+    read_fields,
+)
 from drake_gnnocp.vehicle import Vehicle
 
-KEYS = ("name", "start", "goal", "obstacles", "bounds", "vehicle")
-REQUIRED_KEYS = KEYS[:4]
-POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
-LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
-LONGEST_NAME = 100  # bytes, names of files end at 255
-ROUNDING = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
+__all__ = ["Scenario", "ScenarioError", "bundled_scenarios"]
 
-
-class ScenarioError(ValueError):
-    """A scenario that cannot be planned: the message is one line that names the file, the field and the reason."""
+COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +74,16 @@ class Scenario:
         footprint = self.vehicle.footprints(pose - np.append(pose[:2], 0.0))[0]  # in a frame that moves with the car
         if self.bounds is not None:
             low, high = np.reshape(self.bounds, (2, 2)).T - pose[:2]
-            if (footprint < low - ROUNDING).any() or (footprint > high + ROUNDING).any():
+            if (footprint < low - COORDINATE_TOLERANCE).any() or (footprint > high + COORDINATE_TOLERANCE).any():
                 raise ScenarioError(f"{which}: the car leaves the bounds {list(self.bounds)}")
         car = shapely.Polygon(footprint)
         for j, ring in enumerate(self.obstacles):
-            near = ring - pose[:2]
-            if (near.min(axis=0) > footprint.max(axis=0) + ROUNDING).any():
+            seen = ring - pose[:2]
+            if (seen.min(axis=0) > footprint.max(axis=0) + COORDINATE_TOLERANCE).any():
                 continue
-            if (near.max(axis=0) < footprint.min(axis=0) - ROUNDING).any():
+            if (seen.max(axis=0) < footprint.min(axis=0) - COORDINATE_TOLERANCE).any():
                 continue
-            if any(car.dwithin(polygon, ROUNDING) for polygon in polygons_of(near)):
+            if any(car.dwithin(polygon, COORDINATE_TOLERANCE) for polygon in polygons_of(seen)):
                 raise ScenarioError(f"{which}: the car collides with obstacles[{j}]")
 
     @cached_property
@@ -143,13 +145,11 @@ class Scenario:
         if str(source) in bundled_scenarios():
             return cls.load(_bundled_folder() / f"{source}.json")
         path = Path(source)
-        suffix = path.suffix.lower()
-        if suffix not in (".json", ".csv"):
+        if path.suffix.lower() not in SUFFIXES:
             known, shown_source = ", ".join(bundled_scenarios()), str(source) or "''"
             raise ScenarioError(f"{shown_source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
         try:
-            text = read_text(path)
-            return cls.from_dict(parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
+            return cls(**read_fields(path))
         except ValueError as error:
             raise ScenarioError(f"{source}: {error}") from None
 
@@ -160,37 +160,11 @@ class Scenario:
         Raises:
             ScenarioError: a key is missing, unknown or has an illegal value; the message names it.
         """
-        if not isinstance(data, dict):
-            raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {shown(data)}")
-        for key in data:
-            if key not in KEYS:
-                raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
-        for key in REQUIRED_KEYS:
-            if key not in data:
-                raise ScenarioError(f"{key}: missing")
-        bounds = data.get("bounds")
-        xmin, xmax, ymin, ymax = _numbers("bounds", bounds, BOUNDS) if bounds is not None else (0.0, 0.0, 0.0, 0.0)
-        return cls(
-            name=_name(data["name"]),
-            start=_numbers("start", data["start"], POSE),
-            goal=_numbers("goal", data["goal"], POSE),
-            obstacles=_rings(data["obstacles"]),
-            bounds=None if bounds is None else (float(xmin), float(xmax), float(ymin), float(ymax)),
-            vehicle=_vehicle(data.get("vehicle")),
-        )
+        return cls(**checked_fields(data))
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario in the keys of the JSON format; `from_dict` gives it back exactly."""
-        data: dict[str, Any] = {
-            "name": self.name,
-            "start": self.start.tolist(),
-            "goal": self.goal.tolist(),
-            "obstacles": [ring.tolist() for ring in self.obstacles],
-        }
-        if self.bounds is not None:
-            data["bounds"] = list(self.bounds)
-        data["vehicle"] = self.vehicle.to_dict()
-        return data
+        return as_json({key: getattr(self, key) for key in KEYS})
 
     def save(self, path: Path | str) -> None:
         """Write the scenario as JSON."""
@@ -206,29 +180,6 @@ def _bundled_folder() -> Path:
     return Path(str(resources.files("drake_gnnocp") / "scenarios"))
 
 
-def _name(value: Any) -> str:
-    # the name becomes a folder under artifacts/plans
-    if not isinstance(value, str) or not value.strip(" ."):
-        raise ScenarioError(f"name: must be a text that can name a folder, not {shown(value)}")
-    if not value.isprintable() or "/" in value or "\\" in value:
-        raise ScenarioError(f"name: must have no slashes or unprintable characters, unlike {shown(value)}")
-    if len(value.encode()) > LONGEST_NAME:
-        raise ScenarioError(f"name: must be at most {LONGEST_NAME} bytes long, unlike {shown(value)}")
-    return value
-
-
-def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
-    n = len(meaning.split(","))
-    if not isinstance(value, list | tuple) or len(value) != n:
-        raise ScenarioError(f"{what}: must be {n} numbers [{meaning}], not {shown(value)}")
-    for i, number in enumerate(value):
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise ScenarioError(f"{what}[{i}]: must be a number, not {shown(number)}")
-        if not abs(number) <= LARGEST:  # NaN as well
-            raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
-    return np.array(value, dtype=float)
-
-
 def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:
     """Doubles of a shape, in which -1 stands for any number."""
     try:
@@ -238,25 +189,3 @@ def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.
     if array.ndim != len(shape) or any(n not in (-1, size) for n, size in zip(shape, array.shape, strict=True)):
         raise ScenarioError(f"{what}: must be {meaning}, not {shown(value)}")
     return array
-
-
-def _rings(value: Any) -> tuple[np.ndarray, ...]:
-    if not isinstance(value, list | tuple):
-        raise ScenarioError(f"obstacles: must be a list of polygons, not {shown(value)}")
-    rings = []
-    for j, ring in enumerate(value):
-        if not isinstance(ring, list | tuple) or len(ring) < 3:
-            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {shown(ring)}")
-        rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, "x, y") for k, vertex in enumerate(ring)]))
-    return tuple(rings)
-
-
-def _vehicle(value: Any) -> Vehicle:
-    if value is None:
-        return Vehicle()
-    if not isinstance(value, dict):
-        raise ScenarioError(f"vehicle: must be an object, not {shown(value)}")
-    try:
-        return Vehicle.from_dict(value)
-    except ValueError as error:
-        raise ScenarioError(str(error)) from None

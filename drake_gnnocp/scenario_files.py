@@ -1,20 +1,134 @@
-"""The CSV format of the TPCAP parking competition: one row of numbers, without names.
+"""What scenario files say, checked key by key: JSON, and the CSV format of the TPCAP parking competition.
 
-The row is `x0,y0,th0, xf,yf,thf, n, count_1..count_n, x,y of every vertex`, in m and rad; the vehicle is that of the
-competition.
+A key of the JSON format is one entry of `PARSERS`, which turns what the file says into the field of the same name of
+`Scenario`, or raises. A TPCAP file is one row of numbers without names,
+`x0,y0,th0, xf,yf,thf, n, count_1..count_n, x,y of every vertex`, in m and rad; the vehicle is that of the competition.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import islice
-from reprlib import repr as shown
+from pathlib import Path
+from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
 
+import numpy as np
+
+from drake_gnnocp.files import parse_json, read_text
 from drake_gnnocp.vehicle import Vehicle
 
+SUFFIXES = (".json", ".csv")
+POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
+LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
+LONGEST_NAME = 100  # bytes, names of files end at 255
 TPCAP_VEHICLE = Vehicle(width=1.942, v_max=2.5, a_max=1.0, phi_max=0.75, w_max=0.5)
-N_FIRST = 7  # numbers before the vertex counts: start, goal, number of obstacles
+N_FIRST = 7  # numbers of a TPCAP row before the vertex counts: start, goal, number of obstacles
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be planned: the message is one line that names the file, the field and the reason."""
+
+
+def read_fields(path: Path) -> dict[str, Any]:
+    """The fields of the scenario in a file with one of the SUFFIXES.
+
+    Raises:
+        ValueError: the file is missing or unreadable, or a value is illegal; the message is one line.
+    """
+    text = read_text(path)
+    is_json = path.suffix.lower() == ".json"
+    return checked_fields(parse_json(text) if is_json else parse_tpcap(text, path.stem))
+
+
+def checked_fields(data: Any) -> dict[str, Any]:
+    """The fields of a scenario by name, from the keys of the JSON format; keys that are left out or null have none.
+
+    Raises:
+        ScenarioError: a key is missing, unknown or has an illegal value; the message names it.
+    """
+    if not isinstance(data, dict):
+        raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {shown(data)}")
+    for key in data:
+        if key not in KEYS:
+            raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
+    for key in REQUIRED_KEYS:
+        if key not in data:
+            raise ScenarioError(f"{key}: missing")
+    given = [key for key in KEYS if key in REQUIRED_KEYS or data.get(key) is not None]
+    return {key: PARSERS[key](data[key]) for key in given}
+
+
+def as_json(value: Any) -> Any:
+    """Fields in what JSON can hold; `checked_fields` gives them back exactly. What is None is left out."""
+    if isinstance(value, Mapping):
+        return {key: as_json(inner) for key, inner in value.items() if inner is not None}
+    if isinstance(value, Vehicle):
+        return value.to_dict()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [as_json(inner) for inner in value] if isinstance(value, tuple) else value
+
+
+def _name(value: Any) -> str:
+    # the name becomes a folder under artifacts/plans
+    if not isinstance(value, str) or not value.strip(" ."):
+        raise ScenarioError(f"name: must be a text that can name a folder, not {shown(value)}")
+    if not value.isprintable() or "/" in value or "\\" in value:
+        raise ScenarioError(f"name: must have no slashes or unprintable characters, unlike {shown(value)}")
+    if len(value.encode()) > LONGEST_NAME:
+        raise ScenarioError(f"name: must be at most {LONGEST_NAME} bytes long, unlike {shown(value)}")
+    return value
+
+
+def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
+    n = len(meaning.split(","))
+    if not isinstance(value, list | tuple) or len(value) != n:
+        raise ScenarioError(f"{what}: must be {n} numbers [{meaning}], not {shown(value)}")
+    for i, number in enumerate(value):
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise ScenarioError(f"{what}[{i}]: must be a number, not {shown(number)}")
+        if not abs(number) <= LARGEST:  # NaN as well
+            raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
+    return np.array(value, dtype=float)
+
+
+def _bounds(value: Any) -> tuple[float, ...]:
+    return tuple(_numbers("bounds", value, BOUNDS).tolist())
+
+
+def _rings(value: Any) -> tuple[np.ndarray, ...]:
+    if not isinstance(value, list | tuple):
+        raise ScenarioError(f"obstacles: must be a list of polygons, not {shown(value)}")
+    rings = []
+    for j, ring in enumerate(value):
+        if not isinstance(ring, list | tuple) or len(ring) < 3:
+            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {shown(ring)}")
+        rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, "x, y") for k, vertex in enumerate(ring)]))
+    return tuple(rings)
+
+
+def _vehicle(value: Any) -> Vehicle:
+    if not isinstance(value, dict):
+        raise ScenarioError(f"vehicle: must be an object, not {shown(value)}")
+    try:
+        return Vehicle.from_dict(value)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
+
+
+PARSERS: dict[str, Callable[[Any], Any]] = {
+    "name": _name,
+    "start": partial(_numbers, "start", meaning=POSE),
+    "goal": partial(_numbers, "goal", meaning=POSE),
+    "obstacles": _rings,
+    "bounds": _bounds,
+    "vehicle": _vehicle,
+}
+KEYS = tuple(PARSERS)
+REQUIRED_KEYS = KEYS[:4]
 
 
 def parse_tpcap(text: str, name: str) -> dict[str, Any]:
@@ -29,7 +143,7 @@ def parse_tpcap(text: str, name: str) -> dict[str, Any]:
     """
     lines = [line.strip().strip(",") for line in text.splitlines()]
     cells = ",".join(line for line in lines if line).split(",")
-    values = [_number(i, cell.strip()) for i, cell in enumerate(cells, start=1)]
+    values = [_cell(i, cell.strip()) for i, cell in enumerate(cells, start=1)]
     if len(values) < N_FIRST:
         raise ValueError(f"start, goal, number of obstacles: needs {N_FIRST} numbers, has {len(values)}")
     n = _count("number of obstacles", values[N_FIRST - 1], least=0)
@@ -45,7 +159,7 @@ def parse_tpcap(text: str, name: str) -> dict[str, Any]:
     return {"name": name, "start": values[:3], "goal": values[3:6], "obstacles": rings, "vehicle": vehicle}
 
 
-def _number(i: int, cell: str) -> float:
+def _cell(i: int, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:

@@ -112,24 +112,36 @@ class Vehicle:
         rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)  # (N, 2, 2)
         return poses[:, None, :2] + self.corners @ rotation.transpose(0, 2, 1)
 
-    def derivatives(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """Time derivatives of the bicycle model.
+    def rates(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Time derivatives of the states by the bicycle model.
 
         Args:
             states: (..., 5) x, y, theta, v, phi [m, m, rad, m/s, rad].
             inputs: (..., 2) a, w [m/s^2, rad/s].
 
         Returns:
-            (..., 5) derivatives of the states per second.
+            (..., 5) per second.
         """
         theta, v, phi = states[..., State.THETA], states[..., State.V], states[..., State.PHI]
-        return np.stack(
-            [
-                v * np.cos(theta),
-                v * np.sin(theta),
-                v * np.tan(phi) / self.wheelbase,
-                inputs[..., Input.A],
-                inputs[..., Input.W],
-            ],
-            axis=-1,
-        )
+        pose_rates = [v * np.cos(theta), v * np.sin(theta), v * np.tan(phi) / self.wheelbase]
+        return np.stack([*pose_rates, inputs[..., Input.A], inputs[..., Input.W]], axis=-1)
+
+    def pose_rates(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rates of x, y and theta, and their derivatives; those of v and phi are the inputs.
+
+        Args:
+            states: (N, 5) x, y, theta, v, phi [m, m, rad, m/s, rad].
+
+        Returns:
+            (N, 3) per second, and (N, 3, 5) with respect to the states.
+        """
+        theta, v, phi = states[:, State.THETA], states[:, State.V], states[:, State.PHI]
+        cos, sin, tan = np.cos(theta), np.sin(theta), np.tan(phi)
+        rates = np.empty((len(states), 3))
+        rates[:, State.X], rates[:, State.Y], rates[:, State.THETA] = v * cos, v * sin, v * tan / self.wheelbase
+        jacobian = np.zeros((len(states), 3, len(State)))
+        jacobian[:, State.X, State.THETA], jacobian[:, State.X, State.V] = -rates[:, State.Y], cos
+        jacobian[:, State.Y, State.THETA], jacobian[:, State.Y, State.V] = rates[:, State.X], sin
+        jacobian[:, State.THETA, State.V] = tan / self.wheelbase
+        jacobian[:, State.THETA, State.PHI] = v * (1 + tan**2) / self.wheelbase
+        return rates, jacobian

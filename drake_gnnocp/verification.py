@@ -1,4 +1,4 @@
-r"""Verification of a plan by code that shares nothing with the optimal control problem.
+r"""Verification of a plan by code that shares nothing with the optimal control problem or the simulation.
 
 The inputs of the trajectory, linear between knots, drive the bicycle model from the scenario's start. With them v and
 phi are known in closed form (quadratics in time), so theta, x and y are plain integrals,
@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.scenario import LARGEST, ROUNDING, Scenario
-from drake_gnnocp.simulation import CHECK_STEP, DrivenMotion, drive
+from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
+from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
 
+MAX_STEP = 0.005  # s, of the integration
+CHECK_STEP = 2  # footprints are checked at every second integration step, 10 ms apart
 LOOK_EVERY = 16  # footprints, whose clearance tells which of the others can have less
 POSITION_TOLERANCE = 0.01  # m, in x and in y at the goal
 HEADING_TOLERANCE = math.radians(1.0)  # rad, at the goal
@@ -69,6 +71,52 @@ class Verification:
         return {name: value if math.isfinite(value) else None for name, value in asdict(self).items()}
 
 
+@dataclass(frozen=True)
+class _Motion:
+    """What the car does, by the integration of this module."""
+
+    states: np.ndarray  # (M, 5) x, y, theta, v, phi, at most MAX_STEP apart, every knot among them
+    steps_per_interval: int  # knot k is sample k * steps_per_interval
+
+
+def _motion(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> _Motion:
+    """The motion from start, at rest, with the trajectory's inputs; its states are not used."""
+    h = np.diff(trajectory.t)
+    steps = max(2, CHECK_STEP * math.ceil(float(h.max()) / MAX_STEP / CHECK_STEP))
+    tau = np.arange(2 * steps) / (2 * steps)  # fractions of an interval: every step and every half step
+    a0, w0 = trajectory.inputs[:-1].T
+    da, dw = np.diff(trajectory.inputs, axis=0).T
+    v = _integral_of_linear(a0, da, h, tau)
+    phi = _integral_of_linear(w0, dw, h, tau)
+    step = np.repeat(h / steps, steps)  # (M - 1,) s
+    theta_rate = v * np.tan(phi) / vehicle.wheelbase
+    theta = _cumulative_at_half_steps(start[2], theta_rate, step)
+    x = _cumulative_simpson(start[0], v * np.cos(theta), step)
+    y = _cumulative_simpson(start[1], v * np.sin(theta), step)
+    return _Motion(np.column_stack([x, y, theta[::2], v[::2], phi[::2]]), steps)
+
+
+def _integral_of_linear(u0: np.ndarray, du: np.ndarray, h: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Integral of u from 0 at the first knot, for u = u0 + du tau on every interval: (2 steps intervals + 1,)."""
+    within = h[:, None] * (u0[:, None] * tau + 0.5 * du[:, None] * tau**2)
+    at_knots = np.append(0.0, np.cumsum(h * (u0 + 0.5 * du)))
+    return np.append((at_knots[:-1, None] + within).ravel(), at_knots[-1])
+
+
+def _cumulative_simpson(initial: float, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Integral at every step of a rate known at every half step."""
+    area = step / 6 * (rate[:-2:2] + 4 * rate[1:-1:2] + rate[2::2])
+    return initial + np.append(0.0, np.cumsum(area))
+
+
+def _cumulative_at_half_steps(initial: float, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """As `_cumulative_simpson`, and in between by the parabola through the same three rates."""
+    values = np.empty_like(rate)
+    values[::2] = _cumulative_simpson(initial, rate, step)
+    values[1::2] = values[:-2:2] + step / 24 * (5 * rate[:-2:2] + 8 * rate[1:-1:2] - rate[2::2])
+    return values
+
+
 def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
     """Check a trajectory against everything a plan promises.
 
@@ -97,13 +145,13 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
     )
 
 
-def _drive_if_possible(scenario: Scenario, trajectory: Trajectory) -> DrivenMotion | None:
+def _drive_if_possible(scenario: Scenario, trajectory: Trajectory) -> _Motion | None:
     """The driven motion, or None where numbers are missing, time does not advance or the inputs overflow."""
     numbers = np.column_stack([trajectory.t, trajectory.states, trajectory.inputs])
     if not np.isfinite(numbers).all() or not (np.diff(trajectory.t) > 0).all():
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        motion = drive(scenario.start, trajectory, scenario.vehicle)
+        motion = _motion(scenario.start, trajectory, scenario.vehicle)
     return motion if np.abs(motion.states).max() <= LARGEST else None  # None for NaN as well
 
 
@@ -132,7 +180,7 @@ def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:
     return float(min(found.min(), distances(rest).min(initial=math.inf)))
 
 
-def _within_limits(vehicle: Vehicle, motion: DrivenMotion, trajectory: Trajectory) -> bool:
+def _within_limits(vehicle: Vehicle, motion: _Motion, trajectory: Trajectory) -> bool:
     peaks = [
         (vehicle.v_max, motion.states[:, State.V]),
         (vehicle.phi_max, motion.states[:, State.PHI]),
@@ -148,10 +196,10 @@ def _within_bounds(scenario: Scenario, footprints: np.ndarray) -> bool:
     xmin, xmax, ymin, ymax = scenario.bounds
     low, high = footprints.min(axis=(0, 1)), footprints.max(axis=(0, 1))
     inside = min(low[0] - xmin, xmax - high[0], low[1] - ymin, ymax - high[1])
-    return bool(inside >= -ROUNDING)
+    return bool(inside >= -COORDINATE_TOLERANCE)
 
 
-def _ends_at_rest(scenario: Scenario, motion: DrivenMotion, trajectory: Trajectory) -> bool:
+def _ends_at_rest(scenario: Scenario, motion: _Motion, trajectory: Trajectory) -> bool:
     start_error = trajectory.states[0, :3] - scenario.start
     ends = np.hstack([trajectory.states, trajectory.inputs])[[0, -1], State.V :]
     at_rest = np.append(ends, motion.states[-1, State.V :])

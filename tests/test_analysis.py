@@ -10,31 +10,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from test_benchmark import cells, run_of
-from test_tables import here
+from benchmark_runs import MACHINE, cells, here, refuse, run_of, small_task
 
-from drake_gnnocp import Scenario, plan
-from drake_gnnocp.experiments.benchmark.methods import Method
+from drake_gnnocp.experiments.benchmark.methods import Method, planned
+from drake_gnnocp.experiments.benchmark.runs import PLANNED, RunFile, table_of
 from drake_gnnocp.experiments.benchmark.tasks import Task
-from drake_gnnocp.experiments.ocp_benchmark.worker import Worker
-from drake_gnnocp.experiments.reports.analysis import command as command_line
-from drake_gnnocp.experiments.reports.analysis.command import NAMES, available, main
-from drake_gnnocp.experiments.reports.analysis.curves import curve_rows, summary
-from drake_gnnocp.experiments.reports.analysis.parameters import BASE, Parameter, Point, parameters
-from drake_gnnocp.experiments.reports.analysis.picture import analysis_figure
+from drake_gnnocp.experiments.benchmark.worker import Worker
+from drake_gnnocp.experiments.reports import analysis_command as command_line
+from drake_gnnocp.experiments.reports.analysis_command import NAMES, available, main
+from drake_gnnocp.experiments.reports.curves import curve_rows, summary
+from drake_gnnocp.experiments.reports.curves_picture import analysis_figure
+from drake_gnnocp.experiments.reports.parameters import BASE, Parameter, Point, parameters
+from drake_gnnocp.experiments.reports.report import Report
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.planner.planner import PlanOptions
 
-MACHINE = "a machine\n"
 TINY = NetworkConfig(width=16, heads=1, encoder_layers=1, proposer_layers=1, refinements=1, channels=8)
 SOLVER = ("hypotheses", "knots", "lambda2", "gamma")  # parameters of the planner's options
 
 
 @pytest.fixture
 def task() -> Task:
-    block = np.array([[0.0, 4.0], [5.0, 4.0], [5.0, 6.0]])
-    return Task(Scenario("near", np.zeros(3), np.array([6.0, 0.0, 0.0]), (block,)), "open")
+    return small_task()
 
 
 def parameter_of(*values: float, changes_cost: bool = False) -> Parameter:
@@ -49,10 +47,8 @@ def test_every_parameter_has_the_planners_default_and_changes_nothing_else() -> 
         assert usual and all(point.method.options == PlanOptions() for point in usual)
         assert len({(point.series, repr(point.method.options)) for point in parameter.points}) == len(parameter.points)
     by_value = {(p.series, p.value): p.method.options for p in parameters(Path())["lambda2"].points}
-    problem = by_value["gnn", 0.0].refine.problem
-    assert problem.weights.lambda2 == 0.0 and replace(problem, weights=PlanOptions().refine.problem.weights) == (
-        PlanOptions().refine.problem
-    )
+    options = by_value["gnn", 0.0]
+    assert options.cost.lambda2 == 0.0 and replace(options, cost=PlanOptions().cost) == PlanOptions()
 
 
 def test_methods_of_one_name_are_one_method() -> None:
@@ -60,34 +56,44 @@ def test_methods_of_one_name_are_one_method() -> None:
     for parameter in parameters(Path("training")).values():
         for point in parameter.points:
             assert seen.setdefault(point.method.name, point.method) == point.method
-    assert seen["gnn default"].options.guess.weights is None
+    assert seen["gnn default"].options.weights is None
     assert seen[BASE].weights == Path("training") / BASE / "best.pt"
-    assert seen[f"{BASE} direct"].options.refine.convex.most_steps == 0
+    assert seen[f"{BASE} direct"].options.sqp is False
 
 
 def test_a_plan_has_the_knots_that_are_asked_for(task: Task) -> None:
     point = next(p for p in parameters(Path())["knots"].points if p.value == 40 and p.series == "hybrid_astar")
-    found = plan(task.scenario, point.method.kind, options=point.method.options)
+    found = planned(task, point.method, 600.0)
     assert found.verified and found.trajectory is not None and len(found.trajectory) == 40
 
 
 def test_curves_are_of_the_tasks_that_all_values_have_and_count_failures() -> None:
     runs = [run_of(name, "m30", total, cost=2.0) for name, total in (("a", 1.0), ("b", 3.0), ("only here", 50.0))]
     runs += [run_of("a", "m60", 2.0, cost=3.0, iterations=10), run_of("a", "another", 9.0)]
-    failed = run_of("b", "m60", 4.0, verified=False, cost=math.nan, rounds=0, iterations=0)
-    usual, other = curve_rows(parameter_of(30, 60), [*runs, failed])
-    assert (usual["tasks"], usual["verified"], usual["total_s_median"]) == (2, 2, 2.0)
-    assert (other["tasks"], other["verified"], other["solved"], other["total_s_median"]) == (2, 1, 1, 3.0)
-    assert other["iterations_median"] == 10  # what was never solved took no iterations, which is no merit
-    assert (usual["cost_ratio_median"], other["cost_ratio_median"]) == (1.0, 1.5)
-    _, without = curve_rows(parameter_of(30, 60, changes_cost=True), [*runs, failed])
-    assert math.isnan(float(without["cost_ratio_median"]))
-    assert curve_rows(parameter_of(30, 60, 120), [*runs, failed]) == []
+    runs.append(run_of("b", "m60", 4.0, verified=False, cost=math.nan, rounds=0, iterations=0))
+    table = table_of(runs)
+    usual, other = curve_rows(parameter_of(30, 60), table).itertuples()
+    assert (usual.tasks, usual.verified, usual.total_s_median) == (2, 2, 2.0)
+    assert (other.tasks, other.verified, other.solved, other.total_s_median) == (2, 1, 1, 3.0)
+    assert other.iterations_median == 10  # what was never solved took no iterations, which is no merit
+    assert (usual.cost_ratio_median, other.cost_ratio_median) == (1.0, 1.5)
+    assert curve_rows(parameter_of(30, 60, changes_cost=True), table).cost_ratio_median.isna().all()
+    assert curve_rows(parameter_of(30, 60, 120), table).empty
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_kept_runs_lead_to_the_kept_curves(name: str) -> None:
+    folder = Path(__file__).parents[1] / "artifacts" / "paper" / "analysis"
+    parameter = parameters(Path())[name]
+    rows = curve_rows(parameter, RunFile(folder / "runs.csv", PLANNED).table)
+    assert Report("", rows).csv == (folder / f"{name}.csv").read_text(encoding="utf-8")
+    text = summary({name: (parameter, rows)}, MACHINE)
+    assert text.split(MACHINE)[1].strip() in (folder / "summary.md").read_text(encoding="utf-8")
 
 
 def test_the_summary_marks_the_default() -> None:
     parameter = parameter_of(30, 60)
-    rows = curve_rows(parameter, [run_of("a", f"m{value}", 2.0) for value in (30, 60)])
+    rows = curve_rows(parameter, table_of(run_of("a", f"m{value}", 2.0) for value in (30, 60)))
     text = summary({"knots": (parameter, rows)}, MACHINE)
     assert cells(text, "**30**")[1:6] == ["gnn", "1 (100 %)", "1", "30 / 30", "5 / 5"]
     assert cells(text, "60")[8:] == ["2.00 / 2.00", "0.10", "1.00"]
@@ -98,7 +104,7 @@ def test_the_picture_shows_medians_and_shares_at_equal_distances() -> None:
     parameter = parameter_of(30, 60, 240)
     runs = [run_of(name, f"m{value}", value / 10.0) for name in ("a", "b") for value in (30, 60, 240)]
     runs[0] = replace(runs[0], verified=False)
-    axes = analysis_figure([(parameter, curve_rows(parameter, runs))]).axes
+    axes = analysis_figure([(parameter, curve_rows(parameter, table_of(runs)))]).axes
     lines = [[np.asarray(line.get_xydata()) for line in ax.lines] for ax in axes]
     times, shares = (next(line for line in of_panel if len(line) == 3) for of_panel in lines[1:])
     assert times.tolist() == [[0, 3.0], [1, 6.0], [2, 24.0]]
@@ -134,11 +140,7 @@ def test_the_command_writes_curves_and_makes_nothing_twice(
     assert {path.name for path in tmp_path.iterdir()} >= {"summary.md", "analysis.png", "runs.csv"}
     assert not (tmp_path / "knots.csv").exists()  # of which there is only the default
     before = (tmp_path / "runs.csv").read_bytes()
-
-    def no_call(*_: object, **__: object) -> object:
-        raise AssertionError("a run that is there was made again")
-
-    monkeypatch.setattr(Worker, "call", no_call)
+    monkeypatch.setattr(Worker, "call", refuse)
     assert main(arguments) == 0
     assert (tmp_path / "runs.csv").read_bytes() == before
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drake_gnnocp.command_line import main
-from drake_gnnocp.guesses import sources as guess_module
+from drake_gnnocp.guesses import learned as guess_module
 
 BAD_INPUT = 2  # exit code
 TRIANGLE = [[8, 8], [9, 8], [8, 9]]

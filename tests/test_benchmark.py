@@ -4,76 +4,41 @@ import json
 import math
 import re
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_runs import PATIENT, cells, refuse, run_of
 
-from drake_gnnocp import Scenario, Trajectory, plan
-from drake_gnnocp.experiments.benchmark import benchmark as benchmark_module
+from drake_gnnocp import Scenario, Trajectory
 from drake_gnnocp.experiments.benchmark import tasks as tasks_module
-from drake_gnnocp.experiments.benchmark.benchmark import Benchmark
-from drake_gnnocp.experiments.benchmark.command import main
 from drake_gnnocp.experiments.benchmark.disparity import disparity
-from drake_gnnocp.experiments.benchmark.methods import Settings, methods_named, run_method
+from drake_gnnocp.experiments.benchmark.engine import Engine
+from drake_gnnocp.experiments.benchmark.methods import method_named, planned, run_planner
 from drake_gnnocp.experiments.benchmark.paper_table import PAPER
-from drake_gnnocp.experiments.benchmark.row_files import RunsError, read_rows
-from drake_gnnocp.experiments.benchmark.runs import Run
-from drake_gnnocp.experiments.benchmark.summary import summarise
+from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engine, planning_jobs
+from drake_gnnocp.experiments.benchmark.runs import PLANNED, Run, RunFile, RunsError, table_of
 from drake_gnnocp.experiments.benchmark.tasks import TEST_MAPS, Task, drawn_tasks, named_tasks
+from drake_gnnocp.experiments.benchmark.worker import Worker, WorkerDied
 from drake_gnnocp.experiments.dataset.records import split_of
-from drake_gnnocp.experiments.ocp_benchmark.worker import Worker, WorkerDied
+from drake_gnnocp.experiments.reports.planning import main, summarise
 from drake_gnnocp.experiments.tasks.draw import kind_of
 from drake_gnnocp.experiments.tasks.place import KINDS
-from drake_gnnocp.guesses.sources import bundled_weights
-from drake_gnnocp.ocp.ipopt import IpoptOptions
+from drake_gnnocp.guesses.learned import bundled_weights
+from drake_gnnocp.ocp import refine
+from drake_gnnocp.ocp.ipopt import IpoptSettings
 
 PAPER_TEX = Path(__file__).parents[2] / "shared" / "paper" / "paper.tex"
 ROUNDING = 1e-9  # relative, sums of 120 doubles
-PATIENT = 600.0  # s, a budget that no busy machine exceeds
 METHOD_NAMES = {"Hybrid A*-OCP": "hybrid_astar", "RRT*-OCP": "rrt_star", "GNN-OCP": "gnn"}
 
 
-def run_of(scenario: str, method: str, total: float, kind: str = "open", **changes: object) -> Run:
-    times = (0.1 * total, 0.2 * total, 0.6 * total, total)
-    run = Run(
-        scenario,
-        kind,
-        method,
-        0,
-        *times,
-        5,
-        20,
-        30,
-        2,
-        3.0,
-        True,
-        False,
-        0.1,
-        12.0,
-        4.0,
-        3.0,
-        2.0,
-        1.0,
-        0.1,
-        0.01,
-        "",
-        "",
-    )
-    return replace(run, **changes)  # type: ignore[arg-type]
+def engine_of(folder: Path, method: str, settings: Settings) -> Engine:
+    return planning_engine(folder, settings.methods([method]), settings)
 
 
-def cells(summary: str, *first: str) -> list[str]:
-    """The first line of a table that begins with some cells."""
-    begin = "".join(f"| {cell} " for cell in first)
-    line = re.search(f"^{re.escape(begin)}[|].*$", summary, re.MULTILINE)
-    assert line is not None, summary
-    return [cell.strip() for cell in line.group().strip("|").split("|")]
-
-
-def benchmark_of(folder: Path, method: str, settings: Settings, repeats: int = 1) -> Benchmark:
-    return Benchmark(folder, methods_named([method], settings), repeats, settings)
+def runs_in(path: Path) -> RunFile:
+    return RunFile(path, PLANNED)
 
 
 @pytest.fixture
@@ -90,23 +55,21 @@ def test_from_files_to_a_summary_and_nothing_is_run_twice(
     two_files: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    arguments = ["--methods", "hybrid_astar", "--max-seconds", "20", "--jobs", "2", "--out", str(out)]
+    arguments = ["--methods", "hybrid_astar", "--max-seconds", "600", "--jobs", "2", "--out", str(out)]
     assert main([*two_files, *arguments]) == 0
-    rows = read_rows(out / "runs.csv", Run)
-    assert {run.key for run in rows} == {(name, "file", "hybrid_astar", 0) for name in ("near", "far")}
-    for run in rows:
-        assert run.verified and not run.fallback and run.reason == ""
-        assert 0 < run.guess_s + run.opt_s <= run.total_s
-        assert run.iterations >= run.first_iterations > 0 and run.rounds >= 1
-        assert run.disparity_position > 0 and run.duration_s > 0 and run.clearance_m > 0
+    rows = runs_in(out / "runs.csv").table
+    assert list(rows.scenario) == ["near", "far"] or list(rows.scenario) == ["far", "near"]  # whichever ends first
+    assert set(rows.kind) == {"file"} and set(rows.method) == {"hybrid_astar"} and set(rows.repeat) == {0}
+    assert rows.verified.all() and not rows.fallback.any() and set(rows.reason) == {""}
+    spent = rows.guess_s + rows.build_s + rows.solve_s
+    assert (spent > 0).all() and (spent <= rows.total_s).all()
+    assert (rows.iterations >= rows.first_iterations).all() and rows.first_iterations.min() > 0 < rows.rounds.min()
+    assert rows[["disparity_position", "duration_s", "clearance_m"]].min().min() > 0
     assert cells((out / "summary.md").read_text(), "near", "hybrid_astar")[8:10] == ["1/1", "0"]
-
-    def no_run(*_: object) -> Run:
-        raise AssertionError("a run that is there was made again")
-
-    monkeypatch.setattr(Benchmark, "_in_worker", no_run)
+    before = (out / "runs.csv").read_bytes()
+    monkeypatch.setattr(Worker, "call", refuse)
     assert main([*two_files, *arguments]) == 0
-    assert read_rows(out / "runs.csv", Run) == rows
+    assert (out / "runs.csv").read_bytes() == before
 
 
 def test_a_repeat_adds_runs_and_a_crash_is_a_row(
@@ -116,41 +79,41 @@ def test_a_repeat_adds_runs_and_a_crash_is_a_row(
         raise WorkerDied("the process ended")
 
     monkeypatch.setattr(Worker, "call", crash)
+    settings = Settings(7.0)
     for repeats in (1, 2):
-        benchmark = benchmark_of(tmp_path, "hybrid_astar", Settings(7.0), repeats)
-        benchmark.run(named_tasks(two_files[:1]))
-        assert [run.repeat for run in benchmark.runs] == list(range(repeats))
-    assert all((run.status, run.verified, run.total_s) == ("crashed", False, 7.0) for run in benchmark.runs)
-    assert read_rows(tmp_path / "runs.csv", Run)[1].key == benchmark.runs[1].key
+        engine = engine_of(tmp_path, "hybrid_astar", settings)
+        engine.run(planning_jobs(named_tasks(two_files[:1]), settings.methods(["hybrid_astar"]), repeats, settings))
+        runs = engine.file.table
+        assert list(runs.repeat) == list(range(repeats))
+    assert set(runs.status) == {"crashed"} and not runs.verified.any() and set(runs.total_s) == {7.0}
+    assert runs_in(tmp_path / "runs.csv").table.equals(runs)
 
 
 def test_a_folder_keeps_its_settings_and_weights_by_their_content(tmp_path: Path) -> None:
     weights = tmp_path / "weights.pt"
     weights.write_bytes(b"1")
-    benchmark_of(tmp_path, "hybrid_astar", Settings())
-    benchmark_of(tmp_path, "gnn", Settings(weights=weights))  # another method is no other setting
+    engine_of(tmp_path, "hybrid_astar", Settings())
+    engine_of(tmp_path, "gnn", Settings(weights=weights))  # another method is no other setting
     with pytest.raises(RunsError, match=r"other settings \(seed\)"):
-        benchmark_of(tmp_path, "rrt_star", Settings(seed=1))
+        engine_of(tmp_path, "rrt_star", Settings(seed=1))
     weights.write_bytes(b"2")
-    benchmark_of(tmp_path, "hybrid_astar", Settings(weights=weights))
+    engine_of(tmp_path, "hybrid_astar", Settings(weights=weights))
     with pytest.raises(RunsError, match=r"other settings \(weights of gnn\)"):
-        benchmark_of(tmp_path, "gnn", Settings(weights=weights))
+        engine_of(tmp_path, "gnn", Settings(weights=weights))
     assert json.loads((tmp_path / "settings.json").read_text())["seed"] == 0
 
 
 @pytest.mark.parametrize("method", ["gnn_direct", "hybrid_astar_direct"])
-def test_a_direct_method_gives_its_first_guess_to_ipopt_without_convex_steps(method: str) -> None:
+def test_a_direct_method_gives_its_first_guess_to_ipopt_without_sqp_steps(method: str) -> None:
     task = named_tasks(["map_c"])[0]
-    (direct,) = methods_named([method], Settings())
-    run = run_method(task, direct, 0, PATIENT)
+    run = run_planner(task, method_named(method), 0, PATIENT)
     assert run.verified and not run.fallback and run.convex_steps == 0 and run.first_iterations > 5
-    (usual,) = methods_named([method.removesuffix("_direct")], Settings())
-    assert run_method(task, usual, 0, PATIENT).convex_steps > 0
+    assert run_planner(task, method_named(method.removesuffix("_direct")), 0, PATIENT).convex_steps > 0
 
 
 def test_every_method_has_its_network() -> None:
     names = ("gnn", "gnn_paper", "gnn_direct", "auto", "hybrid_astar", "hybrid_astar_direct")
-    methods = methods_named(names, Settings(weights=Path("mine.pt")))
+    methods = Settings(weights=Path("mine.pt")).methods(names)
     found = [(method.kind, method.source, method.weights) for method in methods]
     mine, paper = Path("mine.pt"), bundled_weights("paper")
     assert found[:3] == [("gnn", "gnn", mine), ("gnn", "gnn", paper), ("gnn", "gnn", mine)]
@@ -158,10 +121,11 @@ def test_every_method_has_its_network() -> None:
 
 
 def test_a_direct_method_makes_one_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
-    hopeless = IpoptOptions(max_iterations=1)
-    (direct,) = methods_named(["hybrid_astar_direct"], Settings())
-    options = replace(direct.options, refine=replace(direct.options.refine, ipopt=hopeless, max_rounds=0))
-    result = plan(named_tasks(["map_b"])[0].scenario, direct.kind, options=options)
+    solve = refine.solve_once
+    given_up = IpoptSettings(max_iterations=1)
+    monkeypatch.setattr(refine, "solve_once", lambda task, problem, _, budget: solve(task, problem, given_up, budget))
+    monkeypatch.setattr(refine, "MOST_ANSWERS", 0)
+    result = planned(named_tasks(["map_b"])[0], method_named("hybrid_astar_direct"), PATIENT)
     assert not result.verified and len(result.attempts) == 1
 
 
@@ -202,16 +166,15 @@ def test_disparities_are_sums_over_the_knots_and_headings_wrap() -> None:
 
 def test_the_summary_of_random_tasks_counts_failures_and_compares_pairwise() -> None:
     nan = math.nan
-    summary = summarise(
-        [
-            run_of("a", "hybrid_astar", 2.0, cost=2.0),
-            run_of("b", "hybrid_astar", 4.0, kind="yard", cost=9.0),
-            run_of("c", "hybrid_astar", 60.0, verified=False, iterations=0, first_iterations=0, cost=nan),
-            run_of("a", "gnn", 1.0, iterations=15),
-            run_of("b", "gnn", 4.0, kind="yard", fallback=True),
-            run_of("c", "gnn", 3.0),
-        ]
-    )
+    runs = [
+        run_of("a", "hybrid_astar", 2.0, cost=2.0),
+        run_of("b", "hybrid_astar", 4.0, kind="yard", cost=9.0),
+        run_of("c", "hybrid_astar", 60.0, verified=False, iterations=0, first_iterations=0, cost=nan),
+        run_of("a", "gnn", 1.0, iterations=15),
+        run_of("b", "gnn", 4.0, kind="yard", fallback=True),
+        run_of("c", "gnn", 3.0),
+    ]
+    summary = summarise(table_of(runs))
     ours = cells(summary, "all", "gnn")
     assert ours[2:5] == ["3", "3 (100 %)", "2 (67 %)"]
     assert ours[8] == "3.00 / 3.90"  # of 1, 3 and 4
@@ -226,7 +189,8 @@ def test_the_summary_of_random_tasks_counts_failures_and_compares_pairwise() -> 
 
 def test_the_papers_numbers_stand_beside_those_of_its_maps() -> None:
     runs = [run_of("map_a", "gnn", total, kind="library", repeat=i) for i, total in enumerate((1.0, 2.0, 6.0))]
-    summary = summarise([*runs, run_of("map_a", "auto", 1.0, kind="library"), run_of("map_a", "gnn", 1.0, kind="file")])
+    others = [run_of("map_a", "auto", 1.0, kind="library"), run_of("map_a", "gnn", 1.0, kind="file")]
+    summary = summarise(table_of([*runs, *others]))
     row = cells(summary, "map_a", "gnn")
     assert row[2:9] == ["0.200", "0.695", "1.600", "6.652", "2.000", "8.347", "3/3"]
     assert cells(summary, "map_a", "auto")[3] == "-"
@@ -270,10 +234,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise AssertionError("bad input was run")
-
-    monkeypatch.setattr(benchmark_module.Benchmark, "run", refuse)
+    monkeypatch.setattr(Engine, "run", refuse)
     monkeypatch.chdir(tmp_path)
     Path("taken").write_text("a file")
     Path("foreign").mkdir()

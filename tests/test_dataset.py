@@ -13,25 +13,30 @@ import torch
 
 from drake_gnnocp.experiments.dataset import generate as module
 from drake_gnnocp.experiments.dataset.command import main
-from drake_gnnocp.experiments.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset
-from drake_gnnocp.experiments.dataset.label import KEPT, NO_PATH, Label, LabelOptions, label
+from drake_gnnocp.experiments.dataset.generate import (
+    DatasetError,
+    DatasetSettings,
+    MakeMap,
+    generate,
+    load_dataset,
+)
+from drake_gnnocp.experiments.dataset.label import KEPT, LabelOptions, label
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord, load_records, save_records, split_of
-from drake_gnnocp.experiments.tasks.draw import draw_place, draw_tasks, kind_of
+from drake_gnnocp.experiments.tasks.draw import kind_of
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import verify
 
 SINGLE = 1e-5  # m, rad: float32 at coordinates of 40 m
-SETTINGS = DatasetSettings(seed=3, maps=7, pairs=2)
 
 
 class Here(Executor):
-    """Runs everything at once in this process, with straight lines instead of plans."""
+    """Makes every map at once in this process."""
 
-    def __init__(self, stop_after: int = 1000) -> None:
+    def __init__(self, make: MakeMap, stop_after: int = 1000) -> None:
+        self.make = make
         self.made: list[int] = []
         self.stop_after = stop_after
 
@@ -41,60 +46,57 @@ class Here(Executor):
         settings, index = args
         if len(self.made) < self.stop_after:
             self.made.append(index)
-            future.set_result(straight_record(settings, index))
+            future.set_result(self.make(settings, index))
         else:
             future.set_exception(KeyboardInterrupt())
         return future
 
 
-def straight_record(settings: DatasetSettings, index: int) -> MapRecord:
-    place = draw_place(settings.seed, index)
-    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
-    return MapRecord(index, place, tuple(tasks), tuple(straight_label(task, i) for i, task in enumerate(tasks)))
+@pytest.fixture
+def records(straight_record: MakeMap, small_dataset: DatasetSettings) -> list[MapRecord]:
+    return [straight_record(small_dataset, index) for index in range(6)]
 
 
-def straight_label(task: Scenario, i: int) -> Label:
-    if i % 2:
-        return Label(NO_PATH)
-    states = np.zeros((120, 5))
-    states[:, :3] = np.linspace(task.start, task.goal, 120)
-    states[:, State.V] = np.sin(np.linspace(0, np.pi, 120))
-    return Label(KEPT, Trajectory(np.linspace(0, 20.0 + i, 120), states, np.zeros((120, 2))), 1.5, 12, 1)
-
-
-def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
-    stopped = Here(stop_after=3)
+def test_a_run_that_was_stopped_goes_on(
+    tmp_path: Path, straight_record: MakeMap, small_dataset: DatasetSettings
+) -> None:
+    stopped = Here(straight_record, stop_after=3)
     with pytest.raises(KeyboardInterrupt):
-        generate(SETTINGS, KINDS, tmp_path, stopped)
-    rest = Here()
-    generate(SETTINGS, KINDS, tmp_path, rest)
+        generate(small_dataset, KINDS, tmp_path, stopped)
+    rest = Here(straight_record)
+    generate(small_dataset, KINDS, tmp_path, rest)
     assert sorted(stopped.made + rest.made) == list(range(7))
     assert [record.index for record in load_dataset(tmp_path)] == list(range(7))
 
 
-def test_full_shards_replace_their_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_shards_replace_their_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, straight_record: MakeMap, small_dataset: DatasetSettings
+) -> None:
     monkeypatch.setattr(module, "MAPS_PER_SHARD", 5)
-    generate(SETTINGS, KINDS, tmp_path, Here())
+    generate(small_dataset, KINDS, tmp_path, Here(straight_record))
     assert sorted(path.name for path in tmp_path.glob("*/*.npz")) == ["shard_000.npz", "shard_001.npz"]
-    again = Here()
-    generate(SETTINGS, KINDS, tmp_path, again)
+    again = Here(straight_record)
+    generate(small_dataset, KINDS, tmp_path, again)
     assert again.made == []
 
 
-def test_kinds_can_be_made_one_after_the_other(tmp_path: Path) -> None:
-    generate(SETTINGS, ("yard",), tmp_path, Here())
+def test_kinds_can_be_made_one_after_the_other(
+    tmp_path: Path, straight_record: MakeMap, small_dataset: DatasetSettings
+) -> None:
+    generate(small_dataset, ("yard",), tmp_path, Here(straight_record))
     assert {record.place.kind for record in load_dataset(tmp_path)} == {"yard"}
 
 
-def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
-    generate(SETTINGS, KINDS, tmp_path, Here())
+def test_a_folder_of_other_settings_is_refused(
+    tmp_path: Path, straight_record: MakeMap, small_dataset: DatasetSettings
+) -> None:
+    generate(small_dataset, KINDS, tmp_path, Here(straight_record))
     with pytest.raises(DatasetError, match="settings.json"):
-        generate(DatasetSettings(seed=4), KINDS, tmp_path, Here())
+        generate(DatasetSettings(seed=4), KINDS, tmp_path, Here(straight_record))
     assert main(["--seed", "4", "--out", str(tmp_path)]) == 2
 
 
-def test_records_come_back_from_disk(tmp_path: Path) -> None:
-    records = [straight_record(SETTINGS, index) for index in range(6)]
+def test_records_come_back_from_disk(tmp_path: Path, records: list[MapRecord]) -> None:
     save_records(tmp_path / "x.npz", records)
     for record, found in zip(records, load_records(tmp_path / "x.npz"), strict=True):
         assert (found.index, found.place.kind, found.place.area) == (record.index, record.place.kind, record.place.area)
@@ -112,18 +114,17 @@ def test_records_come_back_from_disk(tmp_path: Path) -> None:
                 assert one.trajectory is other.trajectory is None
 
 
-def test_a_map_without_tasks_or_plans_can_be_stored(tmp_path: Path) -> None:
-    record = straight_record(SETTINGS, 0)
-    bare = MapRecord(0, record.place, (), ())
+def test_a_map_without_tasks_or_plans_can_be_stored(tmp_path: Path, records: list[MapRecord]) -> None:
+    bare = MapRecord(0, records[0].place, (), ())
     save_records(tmp_path / "x.npz", [bare])
     assert load_records(tmp_path / "x.npz")[0].tasks == ()
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.5, 0.97, None])
-def test_a_broken_file_is_named(kept: float | None, tmp_path: Path) -> None:
+def test_a_broken_file_is_named(kept: float | None, tmp_path: Path, records: list[MapRecord]) -> None:
     path = tmp_path / "shards" / "shard_000.npz"
     path.parent.mkdir()
-    save_records(path, [straight_record(SETTINGS, 0)])
+    save_records(path, records[:1])
     whole = path.read_bytes()
     path.write_bytes(b"nothing" if kept is None else whole[: int(kept * len(whole))])
     with pytest.raises(DatasetError, match="shard_000.npz"):
@@ -149,8 +150,7 @@ def test_what_is_kept_is_verified() -> None:
     assert verify(task, found.trajectory).verified
 
 
-def test_batches_are_seen_from_the_start() -> None:
-    records = [straight_record(SETTINGS, index) for index in range(6)]
+def test_batches_are_seen_from_the_start(records: list[MapRecord]) -> None:
     samples = Samples.of(records, 30)
     rows = torch.arange(len(samples))
     batch = samples.plain_batch(rows)
@@ -162,6 +162,10 @@ def test_batches_are_seen_from_the_start() -> None:
         assert torch.linalg.norm(batch.scene.goal[row, :2]).item() == pytest.approx(distance, rel=1e-5)
     backwards = samples.batch(rows, rows < 0, rows >= 0)
     # what was the start is the goal, seen from where the goal was
-    there, back = (torch.linalg.norm(each.scene.goal[:, :2], dim=1) for each in (batch, backwards))
+    there, back = (torch.linalg.norm(seen.scene.goal[:, :2], dim=1) for seen in (batch, backwards))
     assert torch.allclose(there, back, atol=10 * SINGLE)
     assert (backwards.states[..., State.V] <= 1e-6).all()
+    in_a_mirror = samples.batch(rows, rows >= 0, rows < 0)
+    assert torch.equal(in_a_mirror.states[..., State.Y], -batch.states[..., State.Y])
+    for seen in (batch, backwards, in_a_mirror):  # a label ends at the goal
+        assert torch.allclose(seen.states[:, -1, :2], seen.scene.goal[:, :2], atol=10 * SINGLE)

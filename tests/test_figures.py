@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,22 +16,18 @@ from matplotlib.text import Text
 from drake_gnnocp.experiments.benchmark.disparity import N_COMPARED
 from drake_gnnocp.experiments.figures import command as command_line
 from drake_gnnocp.experiments.figures import plans as plans_module
-from drake_gnnocp.experiments.figures.catalogue import FIGURES
-from drake_gnnocp.experiments.figures.command import main
-from drake_gnnocp.experiments.figures.comparison import MISSING, UNVERIFIED, disparity_figure
-from drake_gnnocp.experiments.figures.errors import distances
+from drake_gnnocp.experiments.figures.command import FIGURES, main
+from drake_gnnocp.experiments.figures.comparison import MISSING, UNVERIFIED, disparity_figure, distances
 from drake_gnnocp.experiments.figures.interpolation import interpolation_figure, turns
-from drake_gnnocp.experiments.figures.plans import Plans, Skipped, Solved
+from drake_gnnocp.experiments.figures.plans import ROUNDS, Plans, Skipped, Solved
 from drake_gnnocp.experiments.figures.sheet import PAGE
-from drake_gnnocp.guesses import sources as guess
-from drake_gnnocp.guesses.sources import GuessOptions, straight_guess
+from drake_gnnocp.guesses import learned, rrt_star
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
-from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.pictures.style import DPI
-from drake_gnnocp.planner import Plan
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import Input, State
 
 DIAGRAMS = ("framework", "network", "vectorisation", "vehicle", "triangle_area")
 FROM_PLANS = tuple(name for name in FIGURES if name not in DIAGRAMS)
@@ -39,7 +36,7 @@ QUICK_DPI = 60
 LEAST_INK = 0.01  # share of pixels that are not white: less is an empty sheet
 LEAST_LETTERS = 7.0  # points, in print
 OFFSET = (0.3, 0.4)  # m, of made-up guesses: 0.5 m away
-ROUNDING = 1e-9  # m (and rad), sums of doubles
+SUM_ERROR = 1e-9  # m (and rad), of sums of doubles
 ARC = 1e-3  # relative: steps of an arc are chords
 
 
@@ -58,27 +55,40 @@ def untrained(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def without_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guess, "bundled_weights", lambda: tmp_path / "missing.pt")
+    monkeypatch.setattr(learned, "bundled_weights", lambda: tmp_path / "missing.pt")
+
+
+def straight_line(scenario: Scenario) -> Trajectory:
+    """The car slides from start to goal."""
+    t = np.linspace(0.0, 10.0, 120)
+    states = np.zeros((len(t), len(State)))
+    states[:, : State.V] = scenario.start + np.outer(t / t[-1], scenario.goal - scenario.start)
+    return Trajectory(t, states, np.zeros((len(t), len(Input))))
+
+
+def made_up_plan(
+    scenario: Scenario, status: str, optimum: Trajectory | None = None, guess: Trajectory | None = None
+) -> SimpleNamespace:
+    """What figures read of a plan."""
+    return SimpleNamespace(scenario=scenario, status=status, trajectory=optimum, guess=guess, attempts=())
 
 
 @pytest.fixture
 def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans along straight lines, without a solver. Those of map_d are not verified, and RRT* finds none of map_c."""
 
-    def straight(scenario: Scenario, source: str, max_seconds: float, options: object) -> Plan:
-        found = straight_guess(scenario, GuessOptions()).trajectory
-        assert found is not None
+    def straight(scenario: Scenario, source: str, **_given: object) -> SimpleNamespace:
+        found = straight_line(scenario)
         status = "unverified" if scenario.name == "map_d" else "verified"
-        none = source == "rrt_star" and scenario.name == "map_c"
-        return Plan(scenario, status, source, None if none else found, found.translated(*OFFSET), None, None, (), 0.0)
+        optimum = None if source == "rrt_star" and scenario.name == "map_c" else found
+        return made_up_plan(scenario, status, optimum, found.translated(*OFFSET))
 
     monkeypatch.setattr(plans_module, "plan", straight)
 
 
 def solved_line() -> Solved:
     scenario = Scenario.load("empty_field")
-    line = straight_guess(scenario, GuessOptions()).trajectory
-    assert line is not None
+    line = straight_line(scenario)
     return Solved(scenario, "verified", line.translated(*OFFSET), line)
 
 
@@ -103,7 +113,7 @@ def check_picture(path: Path) -> None:
 def test_diagrams_need_no_weights(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name, "--out", str(tmp_path)]) == 0
     check_picture(tmp_path / f"{name}.png")
-    check_letters(FIGURES[name].draw(Plans()))
+    check_letters(FIGURES[name](Plans()))
     assert (tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.pdf", f"{name}.png"]
     assert capsys.readouterr().err == ""
@@ -139,9 +149,9 @@ def test_figures_of_plans_are_drawn_with_weights(
 def test_every_plan_is_made_once(untrained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[tuple[str, str]] = []
 
-    def count(scenario: Scenario, source: str, max_seconds: float, options: object) -> Plan:
+    def count(scenario: Scenario, source: str, **_given: object) -> SimpleNamespace:
         made.append((scenario.name, source))
-        return Plan(scenario, "failed", source, None, None, None, None, (), 0.0)
+        return made_up_plan(scenario, "failed")
 
     monkeypatch.setattr(plans_module, "plan", count)
     plans = Plans(untrained)
@@ -165,7 +175,7 @@ def test_disparity_marks_plans_that_are_missing_or_not_verified(untrained: Path)
 def test_disparity_without_ompl_compares_the_others_and_says_so(
     untrained: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(guess, "is_available", lambda: False)
+    monkeypatch.setattr(rrt_star, "is_available", lambda: False)
     figure = disparity_figure(Plans(untrained))
     assert len(figure.axes[0].containers) == 2
     assert "without RRT*" in caplog.text
@@ -176,34 +186,32 @@ def test_interpolation_shows_a_denser_network_where_there_is_one(untrained: Path
     dense = make_network(tmp_path / "dense.pt", 120)
     shown = [text.get_text() for text in texts(interpolation_figure(Plans(untrained, dense)))]
     assert "120 predicted points" in shown
-    assert "30 predicted points" in shown
+    assert f"{NetworkConfig().points} predicted points" in shown
 
 
 def test_diagrams_read_their_sizes_from_the_configuration() -> None:
     config = NetworkConfig()
-    shown = " ".join(
-        text.get_text() for name in ("framework", "network") for text in texts(FIGURES[name].draw(Plans()))
-    )
+    shown = " ".join(text.get_text() for name in ("framework", "network") for text in texts(FIGURES[name](Plans())))
     for size in (f"{config.hypotheses} guesses", f"{config.refinements} refiners", f"{config.points} points, spline"):
         assert size in shown
-    assert f"at most {RefineOptions().max_rounds} rounds" in shown
+    assert f"at most {ROUNDS} rounds" in shown
 
 
 def test_triangle_areas_are_larger_than_the_polygon_outside_only() -> None:
-    shown = [text.get_text() for text in texts(FIGURES["triangle_area"].draw(Plans()))]
+    shown = [text.get_text() for text in texts(FIGURES["triangle_area"](Plans()))]
     outside, inside = (text for text in shown if "excess" in text)
     assert ">" in outside and "excess 0.00" not in outside
     assert "=" in inside.split("m²")[1] and "excess 0.00" in inside
 
 
 def test_a_guess_moved_aside_is_that_far_away_everywhere() -> None:
-    assert distances(solved_line()) == pytest.approx(np.full(N_COMPARED, 0.5), abs=ROUNDING)
+    assert distances(solved_line()) == pytest.approx(np.full(N_COMPARED, 0.5), abs=SUM_ERROR)
 
 
 def test_distances_do_not_depend_on_the_number_of_knots() -> None:
     solved = solved_line()
     finer = replace(solved, optimum=solved.optimum.resampled(301))
-    assert distances(finer) == pytest.approx(distances(solved), abs=ROUNDING)
+    assert distances(finer) == pytest.approx(distances(solved), abs=SUM_ERROR)
 
 
 def test_turn_of_a_circle_is_its_curvature_and_a_cusp_has_none() -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.dataset import improve as module
 from drake_gnnocp.experiments.dataset.command import main
 from drake_gnnocp.experiments.dataset.generate import (
@@ -24,27 +25,36 @@ from drake_gnnocp.experiments.dataset.generate import (
 from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improved_label
 from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
 from drake_gnnocp.experiments.dataset.records import save_records
-from drake_gnnocp.guesses.sources import GuessOptions, straight_guess
+from drake_gnnocp.guesses import Guess
+from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.learning.checkpoint import new_network, save_weights
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import verify
 
 BLOCK = np.array([[4.0, 3.0], [8.0, 3.0], [8.0, 5.0], [4.0, 5.0]])
 TASK = Scenario("beside a block", np.array([5.0, 5.0, 0.0]), np.array([19.0, 6.0, 0.0]), (BLOCK + 5.0,))
 
 
-@pytest.fixture(autouse=True)
-def straight_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
+@dataclass(frozen=True)
+class StraightHypotheses:
     """A network that knows straight lines only."""
 
-    def guesses(scenario: Scenario, options: GuessOptions) -> Iterator[Trajectory]:
-        trajectory = straight_guess(scenario, options).trajectory
-        assert trajectory is not None
-        yield trajectory
+    knots: int
+    weights: Path | None = None
+    most: int | None = None
 
-    monkeypatch.setattr(module, "gnn_guesses", guesses)
+    def check_available(self) -> None:
+        """It is there."""
+
+    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess]:
+        """The line."""
+        yield Guess("gnn", straight_line(scenario, self.knots), is_timed=True)
+
+
+@pytest.fixture(autouse=True)
+def straight_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "Learned", StraightHypotheses)
 
 
 def solved() -> Label:
@@ -83,19 +93,19 @@ def test_a_whole_dataset_is_improved_with_its_own_settings(tmp_path: Path, capsy
     before, after = tmp_path / "before", tmp_path / "after"
     command = ["--improve", str(before), "--out", str(after), "--jobs", "1"]
     assert main(command) == 2 and "before/settings.json" in capsys.readouterr().err
-    check_settings(before, DatasetSettings(seed=7, maps=2, pairs=1))
+    settings = DatasetSettings(seed=7, maps=1, pairs=1)
+    check_settings(before, settings)
     (before / "shards").mkdir()
-    records = [make_map(DatasetSettings(seed=7, maps=2, pairs=1), index) for index in range(2)]
-    save_records(before / "shards" / "shard_000.npz", records)
+    save_records(before / "shards" / "shard_000.npz", [make_map(settings, 0)])
     assert main(command) == 0
-    assert settings_of(after) == settings_of(before)
-    assert [record.index for record in load_dataset(after)] == [0, 1]
+    assert settings_of(after) == settings_of(before) == settings
+    assert [record.index for record in load_dataset(after)] == [0]
     other = tmp_path / "other.pt"
     save_weights(other, new_network(NetworkConfig(width=16, channels=16)), {})
     capsys.readouterr()
     assert main([*command, "--weights", str(other)]) == 2  # nothing is mixed
     assert "was made with" in capsys.readouterr().err
-    assert main(["--maps", "2", "--pairs", "1", "--seed", "7", "--jobs", "1", "--out", str(after)]) == 2
+    assert main(["--maps", "1", "--pairs", "1", "--seed", "7", "--jobs", "1", "--out", str(after)]) == 2
 
 
 def test_a_cluster_that_is_not_there_is_named(

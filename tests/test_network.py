@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from drake_gnnocp.experiments.training.losses import LossWeights, clearance_error, kinematic_error, network_loss
+from drake_gnnocp.experiments.training.losses import LossWeights, kinematic_errors, loss_of
 from drake_gnnocp.experiments.training.samples import Batch
-from drake_gnnocp.experiments.training.training import loss_of
 from drake_gnnocp.learning.checkpoint import (
     CONFIGS,
     Network,
@@ -22,8 +21,9 @@ from drake_gnnocp.learning.checkpoint import (
     save_weights,
 )
 from drake_gnnocp.learning.features import defects
-from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork
+from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork, composed, straight_line
 from drake_gnnocp.learning.paper_network import PaperConfig
+from drake_gnnocp.learning.ranking import Ranking
 from drake_gnnocp.learning.scene import Scene, mirrored, scene_of, vectors_of
 from drake_gnnocp.learning.surroundings import nearest_obstacles, signed_distance
 from drake_gnnocp.scenario import Scenario
@@ -186,7 +186,7 @@ def test_what_is_outside_far_away_is_outside() -> None:
 def test_what_encloses_a_hole_is_one_obstacle() -> None:
     ring = 4.0 * np.array([(0, 0), (4, 0), (4, 4), (2, 4), (3, 2), (1, 2), (2, 4), (0, 4)])  # the hole touches the rim
     holed = Scenario("holed", np.array([-9.0, 0.0, 0.0]), np.array([30.0, 0.0, 0.0]), (ring,))
-    edges, mask = (torch.as_tensor(each)[None] for each in vectors_of(holed))
+    edges, mask = (torch.as_tensor(array)[None] for array in vectors_of(holed))
     points = torch.tensor([[[8.0, 10.0], [8.0, 4.0], [-3.0, 8.0], [8.0, 20.0]]], dtype=torch.double)
     distance = signed_distance(points, edges, mask)  # in the hole, in the wall around it, and outside
     assert distance.shape == (1, 1, 4)
@@ -204,10 +204,19 @@ def test_a_wall_beside_the_car_counts_as_nearer_than_blocks_farther_off() -> Non
     assert sorted(nearest_obstacles(poses, scene, 4)[0].tolist()) == [0, 1, 2, 12]
 
 
+def test_an_obstacle_that_is_near_at_one_place_only_counts_as_near() -> None:
+    beside_all, beside_first = [-50.0, 4.0, 50.0, 4.0], [0.1, -2.0, 0.0, -2.0]
+    edges = torch.tensor([beside_all, beside_first])[None, :, None]
+    scene = Scene(edges, torch.ones(1, 2, 1, dtype=torch.bool), torch.zeros(1, 3), torch.zeros(1, 8))
+    poses = torch.zeros(1, 5, 3)
+    poses[..., 0] = torch.linspace(0.0, 40.0, 5)
+    assert nearest_obstacles(poses, scene, 1)[0].tolist() == [1]
+
+
 @pytest.mark.parametrize(
     "config",
     [
-        NetworkConfig(width=32, channels=32, encoder_layers=1, proposer_layers=1, hypotheses=3),
+        NetworkConfig(width=32, channels=32, encoder_layers=1, proposer_layers=1, hypotheses=3, refinements=1),
         PaperConfig(hidden=32),
     ],
     ids=CONFIGS,
@@ -226,23 +235,30 @@ def test_a_small_network_learns_eight_scenes_by_heart(config: NetworkConfig | Pa
     assert parts["position"] < 0.25 * first
 
 
-def test_errors_of_a_mirrored_trajectory_in_a_mirrored_scene_are_the_same() -> None:
+def test_defects_and_distances_in_a_mirror_are_the_same() -> None:
     batch = labelled_batch(4, 30)
     scene, states = mirrored(batch.scene, batch.states)
-    at_rest = torch.zeros_like(states)
-    for error, other in (
-        (clearance_error(batch.states, at_rest, batch.scene, 0.2), clearance_error(states, at_rest, scene, 0.2)),
-        (kinematic_error(batch.states, batch.duration, batch.scene), kinematic_error(states, batch.duration, scene)),
-    ):
-        torch.testing.assert_close(error, other, atol=1e-5, rtol=0)
+    errors = kinematic_errors(batch.states, batch.duration, batch.scene.vehicle)
+    torch.testing.assert_close(kinematic_errors(states, batch.duration, scene.vehicle), errors, atol=1e-5, rtol=0)
+    distances = signed_distance(batch.states[..., :2], batch.scene.edges, batch.scene.mask)
+    torch.testing.assert_close(signed_distance(states[..., :2], scene.edges, scene.mask), distances, atol=1e-4, rtol=0)
 
 
-def test_weights_come_back_from_disk(network: Network, tmp_path: Path) -> None:
+def test_weights_and_their_ranking_come_back_from_disk(network: Network, tmp_path: Path) -> None:
+    network.ranking = Ranking(0.5, -20.0, -1.0, -10.0, -0.1)
     save_weights(tmp_path / "w.pt", network, {"epoch": 3})
     found, about = load_weights(tmp_path / "w.pt")
-    assert about == {"epoch": 3}
+    assert about == {"epoch": 3} and found.ranking == network.ranking
     scenario = Scenario.load("map_a")
     torch.testing.assert_close(predict(found, scenario).states, predict(network, scenario).states, atol=0, rtol=0)
+
+
+def test_a_trajectory_ends_in_the_turn_that_it_arrives_in() -> None:
+    scene = scene_of(Scenario("task", np.zeros(3), np.array([9.0, 4.0, 1.0])))
+    raw = torch.zeros(1, 1, 5, 5)
+    raw[..., 2] = 2 * math.pi * torch.linspace(0.0, 1.0, 5) + 0.3
+    states = composed(raw, straight_line(scene, 5), scene)
+    assert states[0, 0, -1, 2].item() == pytest.approx(1.0 + 2 * math.pi, abs=SAME)
 
 
 @pytest.mark.parametrize("content", [b"", b"not weights", None])
@@ -256,13 +272,10 @@ def test_other_files_are_not_weights(content: bytes | None, tmp_path: Path) -> N
         load_weights(path)
 
 
-def test_the_losses_are_finite_where_a_scene_has_no_obstacles() -> None:
-    torch.manual_seed(0)
-    network = new_network(config_of("default"))
-    assert isinstance(network, TrajectoryNetwork)
+def test_the_losses_are_finite_where_a_scene_has_no_obstacles(network: Network) -> None:
     scene = scene_of(Scenario("empty", np.zeros(3), np.array([9.0, 4.0, 1.0])))
-    states = torch.zeros(1, 30, 5)
-    parts = network_loss(network, scene, states, torch.tensor([20.0]), LossWeights())
-    parts["loss"].backward()
-    assert torch.isfinite(parts["loss"])
+    batch = Batch(scene, torch.zeros(1, 30, 5), torch.tensor([20.0]))
+    loss = loss_of(network, batch, LossWeights())["loss"]
+    loss.backward()
+    assert torch.isfinite(loss)
     assert all(torch.isfinite(p.grad).all() for p in network.parameters() if p.grad is not None)

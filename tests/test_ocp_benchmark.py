@@ -8,14 +8,13 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.experiments.ocp_benchmark.casadi_peer import formulate, solve_with_casadi
-from drake_gnnocp.experiments.ocp_benchmark.pair_rows import PairRows
-from drake_gnnocp.experiments.ocp_benchmark.peer_problem import PeerProblem, peer_problem
-from drake_gnnocp.experiments.ocp_benchmark.tutorial import build_tutorial
+from drake_gnnocp.experiments.benchmark.methods import CASADI, our_numbers, solver_named
+from drake_gnnocp.experiments.benchmark.peers.casadi_peer import formulate
+from drake_gnnocp.experiments.benchmark.peers.problem import PairRows, PeerProblem, peer_problem
+from drake_gnnocp.experiments.benchmark.peers.tutorial import build_tutorial
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
-from drake_gnnocp.ocp.cost import CostWeights, evaluate_cost
+from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
 from drake_gnnocp.ocp.dynamics import defects
-from drake_gnnocp.ocp.refine import RefineOptions
 from drake_gnnocp.verification import verify
 
 EXACT = 1e-11  # two ways of computing the same number; areas cancel a few digits
@@ -85,7 +84,7 @@ def problem() -> PeerProblem:
     )
     goal = guess.poses[-1] - [0, 0, 2 * math.pi]
     scenario = Scenario("small", guess.poses[0], goal, obstacles, bounds=(-3.0, 13.0, -5.0, 6.0))
-    return peer_problem(scenario, guess, RefineOptions())
+    return peer_problem(scenario, guess, our_numbers())
 
 
 def random_point(problem: PeerProblem) -> np.ndarray:
@@ -109,7 +108,7 @@ def distances_of_rows(rows: PairRows, knots: np.ndarray, vehicle_scenario: Scena
 def expected_rows(problem: PeerProblem, knots: np.ndarray) -> list[np.ndarray]:
     """All rows, less their lower bounds, by our own functions: defects, areas, bounds."""
     scenario = problem.scenario
-    rows = [defects(knots, problem.step, scenario.vehicle.wheelbase)[0].ravel()]
+    rows = [defects(knots, problem.step, scenario.vehicle)[0].ravel()]
     rows += [distances_of_rows(pair, knots, scenario) - problem.margin for pair in problem.pairs]
     footprints = scenario.vehicle.footprints(knots[:, :3])
     for side in problem.sides:
@@ -175,13 +174,13 @@ def test_the_peer_keeps_the_turns_of_the_guess_and_fixes_both_ends(problem: Peer
     np.testing.assert_array_equal(high[1:-1, 3:], np.tile(problem.limits, (len(low) - 2, 1)))
 
 
-@pytest.mark.parametrize("expand", [False, True])
-def test_the_peer_solves_a_task_to_a_verified_plan(expand: bool) -> None:
+@pytest.mark.parametrize("method", CASADI)
+def test_the_peer_solves_a_task_to_a_verified_plan(method: str) -> None:
     scenario = Scenario("lane", np.zeros(3), np.array([12.0, 1.0, 0.0]), (np.array([[4.0, -5], [8, -5], [6, -1.2]]),))
     t = np.linspace(0.0, 12.0, 25)
     states = np.zeros((25, 5))
     states[:, 0] = t
-    problem = peer_problem(scenario, Trajectory(t, states, np.zeros((25, 2))), RefineOptions())
-    solution = solve_with_casadi(problem, expand, 20.0)
+    problem = peer_problem(scenario, Trajectory(t, states, np.zeros((25, 2))), our_numbers())
+    solution = solver_named(method)(problem, 20.0)
     assert solution.success and solution.iterations > 0
     assert verify(scenario, solution.trajectory).verified

@@ -8,14 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from drake_gnnocp.search.reeds_shepp import (
-    ReedsSheppPath,
-    Segment,
-    all_paths,
-    path_length,
-    path_lengths,
-    shortest_path,
-)
+from drake_gnnocp.search.moves import Move, length_of, poses_along
+from drake_gnnocp.search.reeds_shepp import all_paths, path_length
 
 RADIUS = 5.0  # m
 ENDS_AT_GOAL = 1e-9  # m and rad: rounding over 100 m is near 1e-13, and segments under 1e-12 radii are dropped
@@ -42,39 +36,38 @@ GOLDEN = {
 def random_pairs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Starts and goals, (count, 3) each, from 0.01 m to 100 m apart; in a third the headings differ little too."""
     rng = np.random.default_rng(seed)
-    reach = 10 ** rng.uniform(-2, 2, (count, 1))  # m
+    apart = 10 ** rng.uniform(-2, 2, (count, 1))  # m
     starts = rng.uniform([-50, -50, -np.pi], [50, 50, np.pi], (count, 3))
-    goals = starts + np.hstack([rng.uniform(-reach, reach, (count, 2)), rng.uniform(-np.pi, np.pi, (count, 1))])
-    goals[::3, 2] = starts[::3, 2] + 0.05 * reach[::3, 0] * rng.normal(size=len(goals[::3]))
+    goals = starts + np.hstack([rng.uniform(-apart, apart, (count, 2)), rng.uniform(-np.pi, np.pi, (count, 1))])
+    goals[::3, 2] = starts[::3, 2] + 0.05 * apart[::3, 0] * rng.normal(size=len(goals[::3]))
     return starts, goals
 
 
 def degenerate_pairs(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Start, goal and the length driven between them along words whose segments vanish or are a special angle."""
     rng = np.random.default_rng(seed)
-    steers = {"L": 1, "S": 0, "R": -1}
+    curvatures = {"L": 1 / RADIUS, "S": 0.0, "R": -1 / RADIUS}
     words = ["L", "R", "S", "LS", "LR", "LSL", "LSR", "RSR", "RLR", "RLRL", "LRSL", "LSRL", "LRSR", "RSRL", "LRSLR"]
     angles = [0.0, math.pi / 6, math.pi / 3, math.pi / 2, math.pi, -math.pi / 4, -math.pi / 2, -math.pi, 1.0, -2.0]
     pairs = []
     for k in range(count):
         start = np.zeros(3) if k % 2 else rng.uniform([-30, -30, -3], [30, 30, 3])
-        segments = [Segment(steers[turn], RADIUS * rng.choice(angles)) for turn in words[k % len(words)]]
-        path = ReedsSheppPath(tuple(segments), RADIUS)
-        pairs.append((start, drive(start, path), path.length))
+        path = [Move(curvatures[turn], RADIUS * rng.choice(angles)) for turn in words[k % len(words)]]
+        pairs.append((start, end_of(start, path), length_of(path)))
     return pairs
 
 
-def drive(start: Sequence[float] | np.ndarray, path: ReedsSheppPath, distance: float = math.inf) -> np.ndarray:
+def end_of(start: Sequence[float] | np.ndarray, path: list[Move], distance: float = math.inf) -> np.ndarray:
     """The pose after a distance along the path, by rotating about the centre of each arc's circle."""
     position, theta = complex(start[0], start[1]), float(start[2])
-    for segment in path.segments:
-        length = math.copysign(min(abs(segment.length), distance), segment.length)
+    for move in path:
+        length = math.copysign(min(abs(move.length), distance), move.length)
         distance -= abs(length)
-        if segment.steer == 0:
+        if move.curvature == 0:
             position += length * complex(math.cos(theta), math.sin(theta))
         else:
-            centre = position + segment.steer * path.turning_radius * complex(-math.sin(theta), math.cos(theta))
-            turn = segment.steer * length / path.turning_radius
+            centre = position + complex(-math.sin(theta), math.cos(theta)) / move.curvature
+            turn = move.curvature * length
             position = centre + (position - centre) * complex(math.cos(turn), math.sin(turn))
             theta += turn
     return np.array([position.real, position.imag, theta])
@@ -149,16 +142,16 @@ def test_special_goals_have_their_closed_form(goal: tuple[float, float, float], 
 
 def test_the_shortest_path_ends_at_the_goal_and_has_the_length_stated() -> None:
     for start, goal in zip(*random_pairs(1000, seed=2), strict=True):
-        path = shortest_path(start, goal, RADIUS)
-        assert distance_between(drive(start, path), goal) < ENDS_AT_GOAL
-        assert path.length == pytest.approx(path_length(start, goal, RADIUS), abs=SAME_LENGTH)
+        path = all_paths(start, goal, RADIUS)[0]
+        assert distance_between(end_of(start, path), goal) < ENDS_AT_GOAL
+        assert length_of(path) == pytest.approx(path_length(start, goal, RADIUS), abs=SAME_LENGTH)
 
 
 def test_all_paths_end_at_the_goal_and_are_sorted() -> None:
     for start, goal in zip(*random_pairs(300, seed=3), strict=True):
         paths = all_paths(start, goal, RADIUS)
-        lengths = [path.length for path in paths]
-        assert max(distance_between(drive(start, path), goal) for path in paths) < ENDS_AT_GOAL
+        lengths = [length_of(path) for path in paths]
+        assert max(distance_between(end_of(start, path), goal) for path in paths) < ENDS_AT_GOAL
         assert np.all(np.diff(lengths) > -SAME_LENGTH)
         assert lengths[0] == pytest.approx(path_length(start, goal, RADIUS), abs=SAME_LENGTH)
 
@@ -166,30 +159,31 @@ def test_all_paths_end_at_the_goal_and_are_sorted() -> None:
 def test_all_paths_end_at_the_goal_where_segments_vanish() -> None:
     for start, goal, driven in degenerate_pairs(1000, seed=4):
         paths = all_paths(start, goal, RADIUS)
-        assert max(distance_between(drive(start, path), goal) for path in paths) < ENDS_AT_GOAL
-        assert paths[0].length <= driven + SAME_LENGTH
+        assert max(distance_between(end_of(start, path), goal) for path in paths) < ENDS_AT_GOAL
+        assert length_of(paths[0]) <= driven + SAME_LENGTH
 
 
 def test_quarter_turns_keep_their_gear_where_the_straight_between_them_vanishes() -> None:
     goal = (0.0, -2.0, math.pi)  # radius 1: its right circle touches the start's left one, rho = 2
-    ends = [drive((0, 0, 0), path) for path in all_paths((0, 0, 0), goal, 1.0)]
+    ends = [end_of((0, 0, 0), path) for path in all_paths((0, 0, 0), goal, 1.0)]
     assert max(distance_between(end, np.array(goal)) for end in ends) < ENDS_AT_GOAL
 
 
-def test_no_segment_is_empty() -> None:
-    assert shortest_path((1, 2, 3), (1, 2, 3), RADIUS) == ReedsSheppPath((), RADIUS)
-    assert shortest_path((0, 0, 0), (4, 0, 0), RADIUS).segments == (Segment(0, 4.0),)
+def test_no_move_is_empty() -> None:
+    assert all_paths((1, 2, 3), (1, 2, 3), RADIUS)[0] == []
+    assert all_paths((0, 0, 0), (4, 0, 0), RADIUS)[0] == [Move(0.0, 4.0)]
     for start, goal, _ in degenerate_pairs(300, seed=5):
         for path in all_paths(start, goal, RADIUS):
-            assert all(abs(segment.length) > 1e-12 * RADIUS for segment in path.segments)
+            assert all(abs(move.length) > 1e-12 * RADIUS for move in path)
 
 
 def test_samples_lie_on_the_path_no_further_apart_than_the_step() -> None:
     step = 0.7
     for start, goal in zip(*random_pairs(200, seed=6), strict=True):
-        path = shortest_path(start, goal, RADIUS)
-        poses, gears = path.sample(start, step)
-        corners = np.cumsum([0.0] + [abs(segment.length) for segment in path.segments])
+        path = all_paths(start, goal, RADIUS)[0]
+        sampled = poses_along(start, path, step)
+        poses, gears = sampled.poses, sampled.gears
+        corners = np.cumsum([0.0] + [abs(move.length) for move in path])
         along = np.concatenate(
             [[0.0]]
             + [np.linspace(a, b, math.ceil((b - a) / step) + 1)[1:] for a, b in zip(corners, corners[1:], strict=False)]
@@ -197,29 +191,30 @@ def test_samples_lie_on_the_path_no_further_apart_than_the_step() -> None:
         assert poses.shape == (len(along), 3) and gears.shape == (len(along),)
         assert np.all(np.diff(along) > 0) and np.all(np.diff(along) <= step + SAME_LENGTH)
         for pose, distance in zip(poses, along, strict=True):
-            assert distance_between(pose, drive(start, path, distance)) < ON_PATH
+            assert distance_between(pose, end_of(start, path, distance)) < ON_PATH
         assert distance_between(poses[0], start) == 0.0
         assert distance_between(poses[-1], goal) < ENDS_AT_GOAL
 
 
 def test_sample_gears_are_the_direction_of_motion() -> None:
     for start, goal in zip(*random_pairs(200, seed=7), strict=True):
-        poses, gears = shortest_path(start, goal, RADIUS).sample(start, 0.5)
+        sampled = poses_along(start, all_paths(start, goal, RADIUS)[0], 0.5)
+        poses, gears = sampled.poses, sampled.gears
         heading = 0.5 * (poses[1:, 2] + poses[:-1, 2])  # theta is continuous, so the mean is the chord's direction
         ahead = np.diff(poses[:, 0]) * np.cos(heading) + np.diff(poses[:, 1]) * np.sin(heading)
         assert np.array_equal(gears[1:], np.sign(ahead))
         assert gears[0] == gears[1]
 
 
-def test_a_path_without_segments_samples_to_its_start() -> None:
-    poses, gears = ReedsSheppPath((), RADIUS).sample((1.0, 2.0, 3.0), 0.5)
-    assert poses.tolist() == [[1.0, 2.0, 3.0]] and gears.tolist() == [1]
+def test_a_path_without_moves_stays_at_its_start() -> None:
+    sampled = poses_along(np.array([1.0, 2.0, 3.0]), [], 0.5)
+    assert sampled.poses.tolist() == [[1.0, 2.0, 3.0]] * 2 and sampled.gears.tolist() == [1, 1]
 
 
-def test_a_segment_of_whole_steps_is_not_divided_further() -> None:
-    poses, gears = ReedsSheppPath((Segment(0, 2.0), Segment(0, -1.0)), RADIUS).sample((0, 0, 0), 0.5)
-    assert poses[:, 0].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0]
-    assert gears.tolist() == [1, 1, 1, 1, 1, -1, -1]
+def test_a_move_of_whole_steps_is_not_divided_further() -> None:
+    sampled = poses_along(np.zeros(3), [Move(0.0, 2.0), Move(0.0, -1.0)], 0.5)
+    assert sampled.poses[:, 0].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0]
+    assert sampled.gears.tolist() == [1, 1, 1, 1, 1, -1, -1]
 
 
 def test_length_is_the_same_from_goal_to_start() -> None:
@@ -246,32 +241,12 @@ def test_length_scales_with_the_radius() -> None:
         assert path_length(scale * start, scale * goal, 2.5 * RADIUS) == pytest.approx(2.5 * length, abs=SAME_LENGTH)
 
 
-def test_array_lengths_equal_float_lengths() -> None:
-    starts, goals = random_pairs(500, seed=11)
-    one_by_one = [path_length(start, goals[0], RADIUS) for start in starts]
-    assert path_lengths(starts, goals[0], RADIUS) == pytest.approx(one_by_one, abs=SAME_LENGTH)
-    pairs = list(zip(starts, goals, strict=True))
-    pairs += [(start, goal) for start, goal, _ in degenerate_pairs(300, seed=12)]
-    for start, goal in pairs:
-        (length,) = path_lengths(start[None], goal, RADIUS)
-        assert length == pytest.approx(path_length(start, goal, RADIUS), abs=SAME_LENGTH)
-
-
-def test_no_poses_have_no_lengths() -> None:
-    assert path_lengths(np.empty((0, 3)), (0, 0, 0), RADIUS).shape == (0,)
-
-
-@pytest.mark.parametrize("length", [path_length, shortest_path, all_paths, path_lengths])
+@pytest.mark.parametrize("length", [path_length, all_paths])
 def test_bad_arguments_are_named(length: Callable[..., object]) -> None:
-    start = np.zeros((1, 3)) if length is path_lengths else np.zeros(3)
+    start = np.zeros(3)
     with pytest.raises(ValueError, match="turning_radius"):
         length(start, (1, 0, 0), 0.0)
     with pytest.raises(ValueError, match="finite"):
         length(start, (math.nan, 0, 0), RADIUS)
     with pytest.raises(ValueError, match="finite"):
         length(start + math.inf, (0, 0, 0), RADIUS)
-
-
-def test_a_step_that_is_not_positive_is_named() -> None:
-    with pytest.raises(ValueError, match="step"):
-        ReedsSheppPath((), RADIUS).sample((0, 0, 0), 0.0)

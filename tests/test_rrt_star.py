@@ -1,8 +1,8 @@
 """RRT*: what its path promises, the poses made of it, and what happens without OMPL."""
 
+import itertools
 import math
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +10,18 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Vehicle, plan
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.command_line import main
-from drake_gnnocp.guesses.sources import GuessOptions, rrt_star_guess
+from drake_gnnocp.guesses import Guess, RrtStar
 from drake_gnnocp.search.polyline import geared
-from drake_gnnocp.search.rrt_star import RrtStarOptions, _Lines, rrt_star_path
+from drake_gnnocp.search.regions import search_regions
+from drake_gnnocp.search.rrt_star import END_RADIUS, _Lines, rrt_star_path
 
-ROUNDING = 1e-9  # m and rad, sums of a few doubles of size 10
+EXACT = 1e-9  # m and rad, sums of a few doubles of size 10
 TOUCH = 1e-6  # m: swept areas are shrunk by this, so that touching does not count
 CLIPPED = 0.05  # m^2: shapely's circles are polygons, and leave centimetres of a line that the search does not test
-BUDGET_OVERRUN = 1.0  # s, a busy machine
-FEW = RrtStarOptions(most_iterations=2000, improving_iterations=200)
+LATE = 20  # looks at the clock after the budget is over: each of four searches takes a few
+UNLIMITED = Budget.unlimited()
 WALL = [[10, -6], [12, -6], [12, 8], [10, 8]]
 VEHICLE = Vehicle()
 
@@ -46,11 +48,11 @@ def middle(pose: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ["wall", "map_a", "narrow_gate"])
 def test_the_path_joins_the_ends_and_the_car_fits_along_it(name: str, behind_a_wall: Scenario) -> None:
     scenario = behind_a_wall if name == "wall" else Scenario.load(name)
-    path = rrt_star_path(scenario, seed=3)
+    path = rrt_star_path(scenario, UNLIMITED, seed=3)
     assert path is not None
-    np.testing.assert_allclose(path[0], middle(scenario.start), atol=ROUNDING)
-    np.testing.assert_allclose(path[-1], middle(scenario.goal), atol=ROUNDING)
-    ends = shapely.MultiPoint(path[[0, -1]]).buffer(FEW.near)
+    np.testing.assert_allclose(path[0], middle(scenario.start), atol=EXACT)
+    np.testing.assert_allclose(path[-1], middle(scenario.goal), atol=EXACT)
+    ends = shapely.MultiPoint(path[[0, -1]]).buffer(END_RADIUS)
     blocked = shapely.union_all(list(scenario.polygons))
     for a, b in zip(path[:-1], path[1:], strict=True):
         line = shapely.LineString([a, b])
@@ -65,32 +67,44 @@ def test_the_path_joins_the_ends_and_the_car_fits_along_it(name: str, behind_a_w
 
 def test_a_line_is_as_long_as_the_car_that_drives_it(behind_a_wall: Scenario) -> None:
     above, region = np.array([11.0, 20.0]), (-30.0, 50.0, -30.0, 30.0)  # the wall's top is at y = 8
-    for near, gap, is_free in ((5.0, 1.5, False), (5.0, 2.4, True), (math.inf, 1.5, True), (math.inf, 0.9, False)):
-        lines = _Lines(behind_a_wall, region, near)
-        below = np.array([11.0, 8.0 + gap])
+    for disc_radius, distance, is_free in (
+        (5.0, 1.5, False),
+        (5.0, 2.4, True),
+        (math.inf, 1.5, True),
+        (math.inf, 0.9, False),
+    ):
+        lines = _Lines(behind_a_wall, region, disc_radius)
+        below = np.array([11.0, 8.0 + distance])
         assert lines.is_free(above, below) == lines.is_free(below, above) == is_free
     assert not _Lines(behind_a_wall, (-30.0, 50.0, -30.0, 22.0), 5.0).is_free(above, np.array([11.0, 14.0]))
 
 
+def test_the_path_has_no_corner_that_a_free_line_leaves_out(behind_a_wall: Scenario) -> None:
+    path = rrt_star_path(behind_a_wall, UNLIMITED, seed=3)
+    assert path is not None
+    lines = _Lines(behind_a_wall, search_regions(behind_a_wall)[0], END_RADIUS)
+    assert not any(lines.is_free(a, b) for a, b in zip(path, path[2:], strict=False))
+
+
 def test_bends_that_the_rectangle_does_not_get_around_are_taken_with_the_disc() -> None:
-    path = rrt_star_path(Scenario.load("l_corridor"), seed=3)
+    path = rrt_star_path(Scenario.load("l_corridor"), UNLIMITED, seed=3)
     assert path is not None
 
 
 def test_the_same_seed_gives_the_same_path_and_another_one_another(behind_a_wall: Scenario) -> None:
-    first, again, other = (rrt_star_path(behind_a_wall, seed, options=FEW) for seed in (1, 1, 2))
+    first, again, other = (rrt_star_path(behind_a_wall, UNLIMITED, seed) for seed in (1, 1, 2))
     assert first is not None and other is not None
     np.testing.assert_array_equal(first, again)
     assert first.shape != other.shape or not np.array_equal(first, other)
 
 
 def test_the_guess_has_exact_ends_at_rest_and_plans_to_a_verified_plan(behind_a_wall: Scenario) -> None:
-    guess = rrt_star_guess(behind_a_wall, GuessOptions(), math.inf).trajectory
-    assert guess is not None and len(guess) == 120
-    np.testing.assert_allclose(guess.states[0], 0.0, atol=ROUNDING)
-    np.testing.assert_allclose(guess.states[-1], [22.0, 0.0, 0.0, 0.0, 0.0], atol=ROUNDING)
+    guess = next(RrtStar(knots=120).guesses(behind_a_wall, UNLIMITED))
+    assert isinstance(guess, Guess) and len(guess.trajectory) == 120
+    np.testing.assert_allclose(guess.trajectory.states[0], 0.0, atol=EXACT)
+    np.testing.assert_allclose(guess.trajectory.states[-1], [22.0, 0.0, 0.0, 0.0, 0.0], atol=EXACT)
     result = plan(behind_a_wall, "rrt_star")
-    assert result.verified and {attempt.guess for attempt in result.attempts} == {"rrt_star"}
+    assert result.verified and {attempt.source for attempt in result.attempts} == {"rrt_star"}
 
 
 def test_gears_follow_the_headings_of_the_ends() -> None:
@@ -100,11 +114,11 @@ def test_gears_follow_the_headings_of_the_ends() -> None:
     path = geared(line, start, goal, VEHICLE)
     np.testing.assert_array_equal(np.unique(path.gears), [-1, 1])
     assert path.gears[0] == 1 and path.gears[-1] == -1
-    np.testing.assert_allclose(path.poses[[0, -1]], [start, goal], atol=ROUNDING)
+    np.testing.assert_allclose(path.poses[[0, -1]], [start, goal], atol=EXACT)
     # straight back is driven backwards
     back = geared(np.array([middle(start), [-10.0, 0.0]]), start, np.array([-11.4, 0.0, 0.0]), VEHICLE)
     assert (back.gears == -1).all()
-    np.testing.assert_allclose(back.poses[:, 2], 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(back.poses[:, 2], 0.0, atol=EXACT)
 
 
 def test_corners_are_rounded_and_headings_continuous() -> None:
@@ -118,20 +132,21 @@ def test_corners_are_rounded_and_headings_continuous() -> None:
 def test_standing_still_is_a_path() -> None:
     pose = np.array([1.0, 2.0, 0.3])
     path = geared(np.array([middle(pose), middle(pose)]), pose, pose + (0, 0, 2 * math.pi), VEHICLE)
-    np.testing.assert_allclose(path.poses, [pose, pose], atol=ROUNDING)
+    np.testing.assert_allclose(path.poses, [pose, pose], atol=EXACT)
 
 
 def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario) -> None:
-    assert rrt_star_path(walled_in, options=FEW) is None
     result = plan(walled_in, "rrt_star", max_seconds=2.0)
-    (attempt,) = result.attempts
-    assert result.status == "failed" and attempt.guess == "rrt_star" and attempt.reason.startswith("RRT*: ")
+    attempt, shown = result.attempts
+    assert result.status == "failed" and attempt.source == "rrt_star" and attempt.reason.startswith("RRT*: ")
+    assert shown.reason.startswith("not solved") and result.guess is shown.start
 
 
-def test_the_time_is_kept(walled_in: Scenario) -> None:
-    begin = time.monotonic()
-    assert rrt_star_path(walled_in, max_seconds=0.1) is None
-    assert time.monotonic() - begin < 0.1 + BUDGET_OVERRUN
+@pytest.mark.parametrize("looks", [0, 10, 1000])
+def test_the_search_ends_with_its_budget(walled_in: Scenario, looks: int) -> None:
+    instants = itertools.count(1)  # a clock that moves on at every look
+    assert rrt_star_path(walled_in, Budget(looks, instants.__next__)) is None
+    assert next(instants) <= looks + LATE
 
 
 def test_without_ompl_a_line_says_what_to_install(

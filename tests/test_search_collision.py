@@ -15,7 +15,7 @@ from drake_gnnocp.vehicle import Vehicle
 
 REGION = (-20.0, 20.0, -20.0, 20.0)
 FAR = np.array([-200.0, -200.0, 0.0])  # scenarios must have free ends: here they are away from everything
-TOUCHING = 1e-9  # m, nearer to contact than this the two tests may round differently
+UNDECIDED = 1e-9  # m, nearer to contact than this the two tests may round differently
 CUT_OFF = 3.0  # m
 
 
@@ -59,7 +59,7 @@ def test_agrees_with_shapely_on_random_poses_among_random_polygons(seed: int, ma
     obstacles = shapely.union_all(list(scenario.polygons))
     expected = shapely.intersects(obstacles, cars)
     overlap = shapely.area(shapely.intersection(obstacles, cars))
-    decided = np.where(expected, overlap, shapely.distance(obstacles, cars)) > TOUCHING
+    decided = np.where(expected, overlap, shapely.distance(obstacles, cars)) > UNDECIDED
     assert 0.2 < expected.mean() < 0.9  # both answers are asked for
     np.testing.assert_array_equal(test.collides(poses)[decided], expected[decided])
 
@@ -128,4 +128,4 @@ def test_distance_field_bounds_the_distance_from_both_sides() -> None:
     field = DistanceField.of(scenario.convex_obstacles, REGION, 0.2, CUT_OFF)
     points = rng.uniform(-20, 20, (5000, 2))
     exact = np.minimum(shapely.distance(shapely.union_all(list(scenario.polygons)), shapely.points(points)), CUT_OFF)
-    assert np.abs(field.at(points[:, 0], points[:, 1]) - exact).max() <= field.half_diagonal + TOUCHING
+    assert np.abs(field.at(points[:, 0], points[:, 1]) - exact).max() <= field.half_diagonal + UNDECIDED

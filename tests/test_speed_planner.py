@@ -6,19 +6,20 @@ from functools import cache
 import numpy as np
 import pytest
 
+from drake_gnnocp.search.moves import poses_along
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.search.reeds_shepp import shortest_path
-from drake_gnnocp.timing.speed_planner import plan_speed
-from drake_gnnocp.timing.speed_profile import SpeedOptions
+from drake_gnnocp.search.reeds_shepp import all_paths
+from drake_gnnocp.timing.speed_planner import STANDING_TIME, plan_speed
+from drake_gnnocp.timing.speed_profile import A_FRACTION, V_FRACTION, W_FRACTION
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
 
 EXACT = 1e-9  # relative to the limit or absolute: only rounding errors
 STEP = 0.1  # m, between the poses of the paths made here
 ON_PATH = 3e-3  # m: poses lie on chords of the path, STEP long, and the motion between knots on arcs
-POSITION_GAP = 0.01  # m an interval: a curvature jump of 0.6 / m smoothed over 1.5 m moves the path by 6 cm in all
-HEADING_GAP = 0.05  # rad an interval: full lock over the swing distance, 0.15 m / 3.3 m
-MEAN_HEADING_GAP = 4e-3  # rad: the gaps are few, at stops and where the curvature jumps
+POSITION_DEFECT = 0.01  # m an interval: a curvature jump of 0.6 / m smoothed over 1.5 m moves the path by 6 cm in all
+HEADING_DEFECT = 0.05  # rad an interval: full lock over the swing distance, 0.15 m / 3.3 m
+MEAN_HEADING_DEFECT = 4e-3  # rad: the defects are few, at stops and where the curvature jumps
 SLOWER = 1.6  # the duration over that of a driver who uses all limits in full: 1 / sqrt(0.6), and rests at the stops
 BLOCKS = [range(0, 80), range(80, 160)]
 VEHICLES = {"paper": Vehicle(), "tpcap": Vehicle(width=1.942, a_max=1.0, phi_max=0.75, w_max=0.5)}
@@ -48,8 +49,7 @@ def random_plan(seed: int, vehicle: Vehicle) -> tuple[GearedPath, Trajectory]:
     rng = np.random.default_rng(seed)
     size = rng.choice([1.0, 5.0, 20.0])
     start, goal = rng.uniform([-size, -size, -math.pi], [size, size, math.pi], (2, 3))
-    poses, gears = shortest_path(start, goal, vehicle.turning_radius).sample(start, STEP)
-    path = GearedPath(poses, gears, np.zeros(len(poses)))  # the planner takes the curvature from the headings
+    path = poses_along(start, all_paths(start, goal, vehicle.turning_radius)[0], STEP)
     return path, plan_speed(path, vehicle)
 
 
@@ -86,7 +86,7 @@ def distances_to(path: GearedPath, points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points[:, None] - a - f[..., None] * ab, axis=2).min(axis=1)
 
 
-def dynamics_gaps(trajectory: Trajectory, vehicle: Vehicle) -> np.ndarray:
+def defects(trajectory: Trajectory, vehicle: Vehicle) -> np.ndarray:
     """What each knot misses the bicycle model by, integrated from the knot before: (N - 1, 5) x, y, theta, v, phi."""
     substeps = 20
     dt = (trajectory.t[1] - trajectory.t[0]) / substeps
@@ -96,8 +96,8 @@ def dynamics_gaps(trajectory: Trajectory, vehicle: Vehicle) -> np.ndarray:
             trajectory.inputs[:-1] + f * np.diff(trajectory.inputs, axis=0)
             for f in (k / substeps, (k + 0.5) / substeps)
         )
-        half = states + 0.5 * dt * vehicle.derivatives(states, first)
-        states = states + dt * vehicle.derivatives(half, middle)
+        half = states + 0.5 * dt * vehicle.rates(states, first)
+        states = states + dt * vehicle.rates(half, middle)
     return np.abs(states - trajectory.states[1:])
 
 
@@ -128,10 +128,10 @@ def test_the_gear_changes_at_the_cusps_and_nowhere_else(vehicle: Vehicle, seeds:
 @pytest.mark.parametrize("seeds", BLOCKS, ids=str)
 def test_the_bicycle_model_nearly_follows(vehicle: Vehicle, seeds: range) -> None:
     for seed in seeds:
-        gaps = dynamics_gaps(random_plan(seed, vehicle)[1], vehicle)
-        assert gaps[:, : State.THETA].max() <= POSITION_GAP, seed
-        assert gaps[:, State.THETA].max() <= HEADING_GAP, seed
-        assert gaps[:, State.THETA].mean() <= MEAN_HEADING_GAP, seed
+        largest = defects(random_plan(seed, vehicle)[1], vehicle)
+        assert largest[:, : State.THETA].max() <= POSITION_DEFECT, seed
+        assert largest[:, State.THETA].max() <= HEADING_DEFECT, seed
+        assert largest[:, State.THETA].mean() <= MEAN_HEADING_DEFECT, seed
 
 
 def test_a_constant_arc_is_followed_closely_away_from_its_ends(vehicle: Vehicle) -> None:
@@ -141,17 +141,16 @@ def test_a_constant_arc_is_followed_closely_away_from_its_ends(vehicle: Vehicle)
     np.testing.assert_allclose(
         trajectory.column(State.PHI)[middle], math.atan(vehicle.wheelbase * curvature), rtol=1e-6
     )
-    gaps = dynamics_gaps(trajectory, vehicle)[middle]
-    assert gaps[:, : State.V].max() <= ON_PATH
+    largest = defects(trajectory, vehicle)[middle]
+    assert largest[:, : State.V].max() <= ON_PATH
 
 
 @pytest.mark.parametrize("length", [0.1, 1.0, 5.0, 20.0, 60.0, -20.0])
 def test_a_straight_line_takes_as_long_as_the_trapezoidal_profile(vehicle: Vehicle, length: float) -> None:
-    options = SpeedOptions()
-    v, a = options.v_fraction * vehicle.v_max, options.a_fraction * vehicle.a_max
+    v, a = V_FRACTION * vehicle.v_max, A_FRACTION * vehicle.a_max
     way = abs(length)
     expected = way / v + v / a if way > v * v / a else 2.0 * math.sqrt(way / a)
-    trajectory = plan_speed(arcs((length, 0.0)), vehicle, options=options)
+    trajectory = plan_speed(arcs((length, 0.0)), vehicle)
     h = trajectory.t[1]
     assert expected <= trajectory.duration <= expected + 3.0 * h + EXACT  # one interval at rest at either end
     np.testing.assert_array_equal(trajectory.column(State.PHI), 0.0)
@@ -170,12 +169,12 @@ def test_the_way_driven_is_the_exact_integral_of_the_speed(vehicle: Vehicle, len
 
 
 def test_a_share_of_the_limits_is_left_to_the_optimizer(vehicle: Vehicle) -> None:
-    tight, options = 1.0 / vehicle.turning_radius, SpeedOptions()
+    tight = 1.0 / vehicle.turning_radius
     trajectory = plan_speed(arcs((8.0, tight), (-5.0, -tight), (12.0, 0.0), (6.0, tight)), vehicle)
     limits: list[tuple[State | Input, float]] = [
-        (State.V, options.v_fraction * vehicle.v_max),
-        (Input.A, options.a_fraction * vehicle.a_max),
-        (Input.W, options.w_fraction * vehicle.w_max),
+        (State.V, V_FRACTION * vehicle.v_max),
+        (Input.A, A_FRACTION * vehicle.a_max),
+        (Input.W, W_FRACTION * vehicle.w_max),
     ]
     for column, limit in limits:
         # all of the share is used, and no more; the spline rounds the corner off a speed that is only just reached
@@ -198,7 +197,7 @@ def test_a_path_of_no_length_gives_a_short_stand(vehicle: Vehicle) -> None:
         path = GearedPath(np.repeat(pose, n, axis=0), np.ones(n), np.zeros(n))
         trajectory = plan_speed(path, vehicle)
         assert len(trajectory) == 120
-        assert trajectory.duration == SpeedOptions().standing_time
+        assert trajectory.duration == STANDING_TIME
         np.testing.assert_array_equal(trajectory.poses, np.repeat(pose, 120, axis=0))
         assert_legal(trajectory, vehicle)
 
@@ -252,11 +251,3 @@ def test_mirrored_and_reversed_gear_paths_give_mirrored_trajectories(vehicle: Ve
     np.testing.assert_allclose(mirrored.states, plain.states * [1, -1, -1, 1, -1], atol=EXACT)
     backwards = plan_speed(arcs(*[(-s, k) for s, k in pieces], start=(0.0, 0.0, 0.0)), vehicle)
     np.testing.assert_allclose(backwards.states, plain.states * [-1, 1, -1, -1, 1], atol=EXACT)
-
-
-def test_options_out_of_range_are_errors(vehicle: Vehicle) -> None:
-    for wrong in ({"a_fraction": 1.2}, {"v_fraction": 0.0}, {"window": -1.0}, {"v_crawl": math.nan}):
-        with pytest.raises(ValueError, match=next(iter(wrong))):
-            SpeedOptions(**wrong)
-    trajectory = plan_speed(arcs((8.0, 0.2), (-8.0, -0.2)), vehicle, options=SpeedOptions(1.0, 1.0, 1.0))
-    assert_legal(trajectory, vehicle)

@@ -2,55 +2,40 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
-import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
-from test_benchmark import PATIENT, cells, run_of
+from benchmark_runs import MACHINE, PATIENT, cells, csv_row, here, refuse, run_of, small_task
 
-from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.experiments.benchmark.methods import Method, Settings, methods_named
-from drake_gnnocp.experiments.benchmark.row_files import RunsError, read_rows
+from drake_gnnocp import Trajectory
+from drake_gnnocp.experiments.benchmark.methods import Method, method_named, network_method
+from drake_gnnocp.experiments.benchmark.planning import Settings
+from drake_gnnocp.experiments.benchmark.runs import GUESSED, PLANNED, Run, RunFile, RunsError, table_of
 from drake_gnnocp.experiments.benchmark.tasks import Task
-from drake_gnnocp.experiments.ocp_benchmark.worker import Worker
-from drake_gnnocp.experiments.reports.tables import command as command_line
-from drake_gnnocp.experiments.reports.tables import inference
-from drake_gnnocp.experiments.reports.tables.command import TABLES, main
-from drake_gnnocp.experiments.reports.tables.maps import map_report
-from drake_gnnocp.experiments.reports.tables.raw_guesses import RawGuess, measure, nearest, raw_report
-from drake_gnnocp.experiments.reports.tables.report import Report
-from drake_gnnocp.experiments.reports.tables.unseen import unseen_report
-from drake_gnnocp.guesses.sources import GuessOptions, gnn_guesses
+from drake_gnnocp.experiments.benchmark.worker import Worker
+from drake_gnnocp.experiments.reports import inference
+from drake_gnnocp.experiments.reports import tables_command as command_line
+from drake_gnnocp.experiments.reports.comparison import map_report, unseen_report
+from drake_gnnocp.experiments.reports.raw_guesses import measure, nearest, raw_report
+from drake_gnnocp.experiments.reports.report import Report
+from drake_gnnocp.experiments.reports.tables_command import TABLES, main
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.planner.planner import PlanOptions
 
-MACHINE = "a machine\n"
 ROUNDING = 1e-9  # m, of sums of 120 doubles
-
-
-def csv_row(made: Report, **first: str) -> dict[str, str]:
-    rows = list(csv.DictReader(made.csv.splitlines()))
-    return next(row for row in rows if all(row[name] == value for name, value in first.items()))
-
-
-def here(_: Worker, function: Any, *arguments: Any, timeout: float) -> Any:
-    """Takes the place of `Worker.call`: in this process."""
-    return function(*arguments)
 
 
 @pytest.fixture
 def task() -> Task:
-    block = np.array([[0.0, 4.0], [5.0, 4.0], [5.0, 6.0]])
-    return Task(Scenario("near", np.zeros(3), np.array([6.0, 0.0, 0.0]), (block,)), "open")
+    return small_task()
 
 
 @pytest.fixture
@@ -58,13 +43,13 @@ def untrained(tmp_path: Path) -> Method:
     """The paper's network as it is before training."""
     torch.manual_seed(0)
     save_weights(tmp_path / "paper.pt", PaperNetwork(PaperConfig(hidden=16)), {})
-    return Method("gnn_paper", "gnn", PlanOptions(guess=GuessOptions(weights=tmp_path / "paper.pt")))
+    return network_method("gnn_paper", tmp_path / "paper.pt", False)
 
 
 def test_ratios_on_a_map_are_those_of_the_same_repeat_beside_the_papers() -> None:
     runs = [run_of("map_a", "gnn", total, kind="library", repeat=i) for i, total in enumerate((1.0, 2.0, 4.0))]
     others = [run_of("map_a", "rrt_star", t, kind="library", repeat=i) for i, t in enumerate((3.0, 10.0, 8.0))]
-    made = map_report([*runs, replace(others[0], verified=False), *others[1:]], MACHINE)
+    made = map_report(table_of([*runs, replace(others[0], verified=False), *others[1:]]), MACHINE)
     row = csv_row(made, scenario="map_a", method="rrt_star")
     assert (row["runs"], row["verified"], row["total_s"], row["total_paper_s"]) == ("3", "2", "8", "23.808")
     assert float(row["total_ratio"]) == 3.0  # of 3, 5 and 2
@@ -78,13 +63,13 @@ def test_unseen_tasks_are_compared_task_by_task_and_failures_are_counted() -> No
     runs = [run_of(name, "gnn", total, cost=2.0) for name, total in zip(names, (1.0, 2.0, 9.0), strict=True)]
     runs += [run_of(name, "hybrid_astar", 4.0, cost=3.0) for name in names]
     runs[2] = replace(runs[2], verified=False, cost=math.nan)
-    made = unseen_report(runs, MACHINE)
+    made = unseen_report(table_of(runs), MACHINE)
     row = csv_row(made, method="hybrid_astar")
     assert (row["all_pairs"], row["both_pairs"], row["both_cost_ratio_median"]) == ("3", "2", "1.5")
     assert float(row["all_total_ratio_median"]) == 2.0 and float(row["both_total_ratio_median"]) == 3.0
     assert float(row["both_total_ratio_p95"]) == pytest.approx(3.9)  # of 2 and 4
     steps = replace(run_of("a", "gnn", 1.0), convex_steps=3, first_iterations=4)
-    assert csv_row(unseen_report([steps], MACHINE), method="gnn")["first_steps_median"] == "7"
+    assert csv_row(unseen_report(table_of([steps]), MACHINE), method="gnn")["first_steps_median"] == "7"
     row = csv_row(made, method="gnn")
     assert (row["attempted"], row["verified"], row["compared"]) == ("3", "2", "2")
     assert "3 tasks" in made.markdown and cells(made.markdown, "gnn")[2] == "2 (66.7 %)"
@@ -104,29 +89,29 @@ def test_raw_guesses_are_measured_whether_or_not_they_lead_to_a_plan(
     task: Task, untrained: Method, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Worker, "call", here)
-    methods = [Method("hybrid_astar", "hybrid_astar"), untrained]
+    methods = [method_named("hybrid_astar"), untrained]
     rows = measure(tmp_path, [task], methods, Settings(PATIENT))
-    search, network = rows
+    search, network = rows.itertuples()
     assert (search.method, network.method) == ("hybrid_astar", "gnn_paper")
     assert search.optima == network.optima >= 1
-    assert 0 < search.position_error_m < 1.0 and search.gap_m < 0.01 and search.blocked == 0.0
-    assert network.gap_m > 5 * search.gap_m  # nothing was learnt, and nothing of it is a motion of the car
-    assert read_rows(tmp_path / "guesses.csv", RawGuess) == rows
-
-    def no_call(*_: object, **__: object) -> object:
-        raise AssertionError("a guess that is there was made again")
-
-    monkeypatch.setattr(Worker, "call", no_call)
-    assert measure(tmp_path, [task], methods, Settings(PATIENT)) == rows
+    assert 0 < search.position_error_m < 1.0 and search.guess_gap_m < 0.01 and search.guess_blocked == 0.0
+    assert network.guess_gap_m > 5 * search.guess_gap_m  # nothing was learnt, and nothing of it is a motion of the car
+    assert RunFile(tmp_path / "guesses.csv", GUESSED).table.equals(rows)
+    monkeypatch.setattr(Worker, "call", refuse)
+    assert measure(tmp_path, [task], methods, Settings(PATIENT)).equals(rows)
     with pytest.raises(RunsError, match=r"other settings \(methods\)"):  # with fewer of them, fewer optima are known
         measure(tmp_path, [task], methods[:1], Settings(PATIENT))
 
 
 def test_raw_guesses_are_summed_up_by_method_without_those_that_were_not_made() -> None:
+    def guess(name: str, method: str, optima: int, error: float, blocked: float, gap: float) -> Run:
+        run = Run(name, "open", "", method, 0, optima=optima)
+        return replace(run, position_error_m=error, guess_blocked=blocked, guess_gap_m=gap)
+
     nan = math.nan
-    rows = [RawGuess(name, "open", "gnn", 2, error, 0.0, 0.5) for name, error in (("a", 1.0), ("b", 3.0))]
-    rows += [RawGuess("c", "open", "gnn", 0, nan, 0.5, 0.5), RawGuess("d", "open", "hybrid_astar", 1, nan, nan, nan)]
-    made = raw_report(rows, MACHINE)
+    rows = [guess(name, "gnn", 2, error, 0.0, 0.5) for name, error in (("a", 1.0), ("b", 3.0))]
+    rows += [guess("c", "gnn", 0, nan, 0.5, 0.5), guess("d", "hybrid_astar", 1, nan, nan, nan)]
+    made = raw_report(table_of(rows), MACHINE)
     assert cells(made.markdown, "gnn")[1:] == ["3", "3", "2", "2.00 / 2.90", "0.00 / 0.45", "2", "0.500 / 0.500"]
     assert cells(made.markdown, "hybrid_astar")[1:5] == ["1", "0", "0", "-"]
     assert csv_row(made, method="gnn")["position_error_m_mean"] == "2"
@@ -138,36 +123,51 @@ def test_the_tables_are_of_the_weights_that_come_with_the_package_and_can_be_gon
     folder = Path(__file__).parents[1] / "artifacts" / "paper" / "runs" / name
     found = json.loads((folder / "settings.json").read_text(encoding="utf-8"))
     settings = Settings(TABLES[name].max_seconds)
-    wanted = settings.to_dict(methods_named(TABLES[name].methods, settings))
+    wanted = settings.to_dict(settings.methods(TABLES[name].methods))
     assert {key: found.get(key) for key in wanted} == wanted
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "report"),
+    [
+        ("table", ("runs.csv", PLANNED), map_report),
+        ("test_tasks", ("runs.csv", PLANNED), unseen_report),
+        ("raw_guesses", ("guesses.csv", GUESSED), raw_report),
+    ],
+)
+def test_the_kept_runs_lead_to_the_kept_tables(
+    name: str, file: tuple[str, list[str]], report: Callable[[pd.DataFrame, str], Report]
+) -> None:
+    folder = Path(__file__).parents[1] / "artifacts" / "paper"
+    made = report(RunFile(folder / "runs" / name / file[0], file[1]).table, MACHINE)
+    assert made.csv == (folder / f"{name}.csv").read_text(encoding="utf-8")
+    kept = (folder / f"{name}.md").read_text(encoding="utf-8")
+    assert made.markdown.split(MACHINE)[1] == kept.split(" cores.\n")[1]
 
 
 def test_inference_is_timed_from_the_scenario_to_the_first_guess(
     task: Task, untrained: Method, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    now, waits = [0.0], iter((0.03, 0.001, 0.03))
+
+    def guess(*_: object) -> None:
+        now[0] += next(waits)
+
     monkeypatch.setattr(Worker, "call", here)
-    waits = iter((0.03, 0.0, 0.03))
-    first = next(gnn_guesses(task.scenario, untrained.options.guess))
-
-    def guesses(*_: object) -> Iterator[Trajectory]:
-        time.sleep(next(waits))
-        yield first
-
-    monkeypatch.setattr(inference, "gnn_guesses", guesses)
-    seconds = inference.measure([task], [untrained], 3)
-    row = csv_row(inference.inference_report(seconds, MACHINE), method="gnn_paper")
-    assert (row["tasks"], row["runs"]) == ("1", "3")
-    assert float(row["ms_median"]) >= 30.0 > 15.0 > float(row["quickest_ms_median"]) > 0.0
+    monkeypatch.setattr(inference, "network_guess", guess)
+    monkeypatch.setattr(inference, "first_guesses", partial(inference.first_guesses, clock=lambda: now[0]))
+    runs = inference.measure([task], [untrained], 3)
+    row = csv_row(inference.inference_report(runs, MACHINE), method="gnn_paper")
+    assert [row[name] for name in ("tasks", "runs", "ms_median", "quickest_ms_median")] == ["1", "3", "30", "1"]
 
 
 def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(
     task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missing = Method("gnn_paper", "gnn", PlanOptions(guess=GuessOptions(weights=tmp_path / "missing.pt")))
-    usable = Method("hybrid_astar", "hybrid_astar")
+    missing = network_method("gnn_paper", tmp_path / "missing.pt", False)
     monkeypatch.setattr(Worker, "call", here)
     monkeypatch.setattr(command_line, "drawn_tasks", lambda n: [task][:n])
-    monkeypatch.setattr(command_line, "methods_named", lambda *_: [usable, missing])
+    monkeypatch.setattr(Settings, "methods", lambda *_: [method_named("hybrid_astar"), missing])
     arguments = ["test_tasks", "raw_guesses", "--max-seconds", "600", "--out", str(tmp_path)]
     assert main(arguments) == 0
     assert "gnn_paper: left out: guess: 'gnn' needs trained weights" in capsys.readouterr().err

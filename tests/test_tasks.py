@@ -13,17 +13,17 @@ import shapely
 from drake_gnnocp.experiments.tasks.car_parks import CarParkOptions, random_car_park
 from drake_gnnocp.experiments.tasks.ends import random_ends_of
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_ends, random_obstacles
-from drake_gnnocp.experiments.tasks.place import Place
+from drake_gnnocp.experiments.tasks.place import SLOT_CLEARANCE, Place, VehicleOptions, random_vehicle, union
 from drake_gnnocp.experiments.tasks.rows import RowOptions
-from drake_gnnocp.experiments.tasks.shapes import SLOT_CLEARANCE, VehicleOptions, box, moved, random_vehicle
+from drake_gnnocp.experiments.tasks.shapes import box, moved
 from drake_gnnocp.experiments.tasks.yards import random_yard
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
 N = 16  # places of each kind
 MAKERS: dict[str, Callable[[np.random.Generator], Place]] = {"car_park": random_car_park, "yard": random_yard}
-ROUNDING = 1e-9  # m, of distances between rotated polygons
-HEADING_ROUNDING = 1e-6  # rad, an upright row's slots are at 0 or 90 degrees to this
+DISTANCE_TOLERANCE = 1e-9  # m, of distances between rotated polygons
+UPRIGHT_TOLERANCE = 1e-6  # rad, an upright row's slots are at 0 or 90 degrees to this
 FEWEST, MOST, MEDIAN = 5, 60, (14, 26)  # obstacles of a place; the median is to be about 20
 
 
@@ -43,10 +43,6 @@ def drawn(kind: str, i: int) -> Place:
 
 def ends_of(place: Place, i: int) -> tuple[np.ndarray, np.ndarray] | None:
     return random_ends_of(np.random.default_rng([2, i]), place)
-
-
-def obstacles_of(place: Place) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(ring) for ring in place.obstacles])
 
 
 def is_in(pose: np.ndarray, slots: tuple[np.ndarray, ...]) -> bool:
@@ -82,14 +78,16 @@ def test_ends_keep_the_distance_and_the_clearance(places: list[Place]) -> None:
         for pose in ends:
             car = shapely.Polygon(place.vehicle.footprints(pose)[0])
             least = SLOT_CLEARANCE if is_in(pose, place.slots) else options.clearance
-            assert car.distance(obstacles_of(place)) >= least - ROUNDING
+            assert car.distance(union(place.obstacles)) >= least - DISTANCE_TOLERANCE
 
 
 def test_slots_are_clear_and_inside_the_area(places: list[Place]) -> None:
     for place in places:
         assert place.slots
         cars = place.vehicle.footprints(np.array(place.slots))
-        assert (shapely.distance(obstacles_of(place), shapely.polygons(cars)) >= SLOT_CLEARANCE - ROUNDING).all()
+        assert (
+            shapely.distance(union(place.obstacles), shapely.polygons(cars)) >= SLOT_CLEARANCE - DISTANCE_TOLERANCE
+        ).all()
         low, high = np.array(place.area[0::2]), np.array(place.area[1::2])
         assert (cars >= low).all() and (cars <= high).all()
 
@@ -103,7 +101,7 @@ def test_places_are_compact_and_not_too_crowded(places: list[Place]) -> None:
         xmin, xmax, ymin, ymax = place.area
         assert 10.0 < min(xmax - xmin, ymax - ymin) and max(xmax - xmin, ymax - ymin) < 60.0
         area = shapely.box(xmin, ymin, xmax, ymax)
-        assert all(shapely.Polygon(ring).distance(area) <= ROUNDING for ring in place.obstacles)
+        assert all(shapely.Polygon(ring).distance(area) <= DISTANCE_TOLERANCE for ring in place.obstacles)
 
 
 def test_tasks_go_into_slots_out_of_them_and_elsewhere(places: list[Place]) -> None:
@@ -134,7 +132,7 @@ def test_slots_stand_to_the_aisle_as_their_row_says(kind: int) -> None:
         place = random_car_park(np.random.default_rng([4, i]), options)
         to_aisle = np.abs(np.array([math.remainder(slot[2], math.pi) for slot in place.slots]))  # aisles along x
         low, high = ((math.pi / 2,) * 2, (0.0,) * 2, options.row.angle)[kind]
-        assert (to_aisle >= low - HEADING_ROUNDING).all() and (to_aisle <= high + HEADING_ROUNDING).all()
+        assert (to_aisle >= low - UPRIGHT_TOLERANCE).all() and (to_aisle <= high + UPRIGHT_TOLERANCE).all()
 
 
 def test_all_kinds_of_rows_occur() -> None:
@@ -148,8 +146,8 @@ def test_all_kinds_of_rows_occur() -> None:
 
 def test_yards_have_concave_obstacles_and_thin_walls() -> None:
     polygons = [[shapely.Polygon(ring) for ring in place.obstacles] for place in places_of("yard")]
-    concave = [any(each.convex_hull.area > 1.01 * each.area for each in every) for every in polygons]
-    thin = [any(each.buffer(-0.26).is_empty for each in every) for every in polygons]
+    concave = [any(ring.convex_hull.area > 1.01 * ring.area for ring in rings) for rings in polygons]
+    thin = [any(ring.buffer(-0.26).is_empty for ring in rings) for rings in polygons]
     assert np.mean(concave) > 0.8 and all(thin)
 
 

@@ -9,39 +9,35 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from test_dataset import SETTINGS, straight_record
 
-from drake_gnnocp.experiments.dataset.generate import check_settings
+from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, check_settings
 from drake_gnnocp.experiments.dataset.records import save_records
 from drake_gnnocp.experiments.training import quality
-from drake_gnnocp.experiments.training.augment import LEAST_GAP, ROOM, with_strangers, with_walls
-from drake_gnnocp.experiments.training.command import main
-from drake_gnnocp.experiments.training.overrides import override
+from drake_gnnocp.experiments.training.command import main, override
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
-from drake_gnnocp.learning.checkpoint import Network, load_weights
+from drake_gnnocp.learning.checkpoint import Network, load_weights, save_weights
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.learning.surroundings import signed_distance
+from drake_gnnocp.learning.ranking import Ranking
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.vehicle import Vehicle
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(tmp_path_factory: pytest.TempPathFactory, straight_record: MakeMap, small_dataset: DatasetSettings) -> Path:
     """Ten maps: eight to train on, one for validation, one for the test."""
     folder = tmp_path_factory.mktemp("data")
     (folder / "parts").mkdir()
-    check_settings(folder, SETTINGS)
-    save_records(folder / "parts" / "map_00000.npz", [straight_record(SETTINGS, index) for index in range(10)])
+    check_settings(folder, small_dataset)
+    save_records(folder / "parts" / "map_00000.npz", [straight_record(small_dataset, index) for index in range(10)])
     return folder
 
 
 @pytest.fixture(scope="module")
-def samples() -> Samples:
-    return Samples.of([straight_record(SETTINGS, index) for index in range(6)], PaperConfig().points)
+def samples(straight_record: MakeMap, small_dataset: DatasetSettings) -> Samples:
+    return Samples.of([straight_record(small_dataset, index) for index in range(6)], PaperConfig().points)
 
 
 def small_network() -> Network:
@@ -70,7 +66,11 @@ def test_the_command_trains_keeps_the_best_weights_and_goes_on_only_where_nothin
     (tmp_path / "last.pt").write_bytes(b"nothing")
     assert main(command) == 2 and "last.pt: not a training" in capsys.readouterr().err
     (tmp_path / "last.pt").unlink()
-    assert main([*command, "--from", weights, "--epochs", "1"]) == 0
+    network, _ = load_weights(tmp_path / "best.pt")
+    network.ranking = Ranking(score=0.5, duration=-0.1)
+    save_weights(tmp_path / "start.pt", network, {})
+    assert main([*command, "--from", str(tmp_path / "start.pt"), "--epochs", "1", "--check-tasks", "1"]) == 0
+    assert load_weights(tmp_path / "best.pt")[0].ranking == network.ranking  # until it is fitted anew
 
 
 def test_a_training_that_was_stopped_ends_where_an_unbroken_one_does(samples: Samples, tmp_path: Path) -> None:
@@ -99,34 +99,6 @@ def test_the_learning_rate_warms_up_and_falls_along_a_cosine() -> None:
     assert rates == pytest.approx([0.5, 1.0, 0.5, 0.01])
 
 
-def test_strangers_leave_labels_and_own_obstacles_alone(samples: Samples) -> None:
-    generator = torch.Generator().manual_seed(0)
-    batch = samples.plain_batch(torch.arange(len(samples)))
-    joined = with_strangers(batch, generator)
-    n = batch.scene.mask.shape[1]
-    assert torch.equal(joined.scene.edges[:, :n], batch.scene.edges)
-    assert torch.equal(joined.scene.mask[:, :n], batch.scene.mask)
-    assert joined.states is batch.states
-    added, scene = joined.scene.mask[:, n:], joined.scene
-    assert added.any() and not added.any(dim=2).all()
-    axle = batch.states[..., :2]
-    assert signed_distance(axle, scene.edges[:, n:], added).min() > ROOM  # more to its sides
-
-
-def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
-    batch = samples.plain_batch(torch.arange(len(samples)))
-    walled = [with_walls(batch, torch.Generator().manual_seed(seed)) for seed in range(20)]
-    n = batch.scene.mask.shape[1]
-    joined = [each.scene for each in walled if each is not batch]
-    assert 0 < len(joined) < 20
-    corners = torch.tensor(Vehicle().footprints(batch.states[..., :3].flatten(0, 1).numpy())).float()
-    points = corners.reshape(len(batch.states), -1, 2)
-    for scene in joined:
-        assert torch.equal(scene.edges[:, :n], batch.scene.edges)
-        assert (scene.vehicle == torch.tensor(list(Vehicle().to_dict().values()))).all()
-        assert signed_distance(points, scene.edges[:, n:], scene.mask[:, n:]).min() > LEAST_GAP - 1e-3
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -137,6 +109,7 @@ def test_walls_leave_the_car_on_their_free_side(samples: Samples) -> None:
         ["--device", "nowhere"],
         ["--device", "meta"],
         ["--from", "nowhere.pt"],
+        ["--rank", "nowhere.pt"],
         ["--set", "batch=0"],
         ["--set", "hypotheses=0"],
     ],
@@ -153,11 +126,20 @@ def test_bad_input_is_one_line(
     assert arguments[-1].partition("=")[0] in error or arguments[0] in error
 
 
+def test_a_dataset_without_validation_maps_is_refused(
+    straight_record: MakeMap, small_dataset: DatasetSettings, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "parts").mkdir()
+    save_records(tmp_path / "parts" / "map_00000.npz", [straight_record(small_dataset, 0)])
+    assert main(["--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "needs trajectories" in capsys.readouterr().err
+
+
 def test_settings_change_sizes_losses_and_options() -> None:
-    settings = {"hypotheses": "1", "kinematics": "0", "strangers": "0", "unknown": "1"}
+    settings = {"hypotheses": "1", "kinematics": "0", "cosine": "0", "unknown": "1"}
     assert override(NetworkConfig(), settings).hypotheses == 1
     options = override(DEFAULT_TRAINING, settings)
-    assert options.losses.kinematics == 0.0 and not options.strangers
+    assert options.losses.kinematics == 0.0 and not options.cosine
     assert settings == {"unknown": "1"}
 
 
@@ -185,8 +167,7 @@ def test_trainings_are_compared_by_their_last_check(capsys: pytest.CaptureFixtur
 
 def test_planning_quality_counts_every_verified_plan_and_no_failure_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
     def plan_of(verified: bool, iterations: int) -> SimpleNamespace:
-        rounds = (SimpleNamespace(iterations=iterations, convex_steps=3),)
-        return SimpleNamespace(rounds=rounds, verification=SimpleNamespace(verified=verified))
+        return SimpleNamespace(first_iterations=iterations, sqp_steps=3, verified=verified)
 
     plans = iter([(0, plan_of(True, 1)), (11, plan_of(True, 150)), (0, plan_of(False, 5)), (12, None)])
     monkeypatch.setattr(quality, "_planned", lambda *_: next(plans))

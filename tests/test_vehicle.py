@@ -11,6 +11,7 @@ import shapely.affinity
 from drake_gnnocp.vehicle import Input, State, Vehicle
 
 EXACT = 1e-12  # relative: a handful of float operations on numbers of order one
+DIFFERENCES = 1e-8  # error of central differences with a step of 1e-6 on numbers of order one
 POSES = np.array([[0.0, 0.0, 0.0], [3.0, -2.0, 2.5], [-7.0, 4.0, -9.0]])
 
 
@@ -51,21 +52,31 @@ def test_one_pose_may_come_without_its_row_dimension() -> None:
     np.testing.assert_array_equal(Vehicle().footprints(POSES[1]), Vehicle().footprints(POSES[1:2]))
 
 
-def test_derivatives_are_the_bicycle_model() -> None:
+def test_rates_are_the_bicycle_model() -> None:
     state = np.zeros(5)
     state[State.THETA], state[State.V], state[State.PHI] = math.pi / 6, 2.0, math.pi / 4
     inputs = np.zeros(2)
     inputs[Input.A], inputs[Input.W] = 0.3, -0.2
     expected = [math.sqrt(3), 1.0, 2.0 / 2.8, 0.3, -0.2]
-    np.testing.assert_allclose(Vehicle().derivatives(state, inputs), expected, rtol=EXACT)
+    np.testing.assert_allclose(Vehicle().rates(state, inputs), expected, rtol=EXACT)
 
 
-def test_derivatives_take_any_leading_shape() -> None:
+def test_rates_take_any_leading_shape() -> None:
     rng = np.random.default_rng(1)
     states, inputs = rng.uniform(-1, 1, (3, 4, 5)), rng.uniform(-1, 1, (3, 4, 2))
-    rates = Vehicle().derivatives(states, inputs)
+    rates = Vehicle().rates(states, inputs)
     assert rates.shape == (3, 4, 5)
-    np.testing.assert_array_equal(rates[2, 1], Vehicle().derivatives(states[2, 1], inputs[2, 1]))
+    np.testing.assert_array_equal(rates[2, 1], Vehicle().rates(states[2, 1], inputs[2, 1]))
+
+
+def test_the_jacobian_of_the_pose_rates_is_that_of_central_differences() -> None:
+    states, step = np.random.default_rng(2).uniform(-0.6, 0.6, (20, 5)), 1e-6
+    rates, jacobian = Vehicle().pose_rates(states)
+    inputs = np.zeros((20, 2))
+    np.testing.assert_array_equal(rates, Vehicle().rates(states, inputs)[:, :3])
+    for column, shift in enumerate(step * np.eye(5)):
+        difference = Vehicle().rates(states + shift, inputs) - Vehicle().rates(states - shift, inputs)
+        np.testing.assert_allclose(jacobian[:, :, column], difference[:, :3] / (2 * step), atol=DIFFERENCES)
 
 
 def test_a_dict_gives_back_the_vehicle() -> None:

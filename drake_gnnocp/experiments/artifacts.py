@@ -6,16 +6,14 @@ What is not there yet says so, with the command that makes it: a notebook of res
 from __future__ import annotations
 
 import csv
-import io
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image
+from drake_gnnocp.pictures.style import small_picture
 
 FOLDER = "artifacts"
 WIDTH = 1000  # pixels, of pictures in a notebook
-COLOURS = 64  # of their palette: line drawings need no more, and it makes notebooks small
 
 
 def artifacts_folder() -> Path:
@@ -63,7 +61,7 @@ class Artifact:
     def _repr_png_(self) -> bytes | None:
         if self.path.suffix != ".png" or not self.path.exists():
             return None
-        return small_picture(self.path)
+        return small_picture(self.path, WIDTH)
 
     @property
     def _missing(self) -> str:
@@ -82,14 +80,3 @@ class Section(Artifact):
         if found is None:
             return text if not self.path.exists() else f"*no section* {self.heading} *in* `artifacts/{self.name}`"
         return found.group(0).split("\n", 1)[1].strip()
-
-
-def small_picture(path: Path) -> bytes:
-    """A picture as PNG of at most WIDTH pixels and COLOURS colours."""
-    with Image.open(path) as picture:
-        opaque = picture.convert("RGB")
-    if opaque.width > WIDTH:
-        opaque = opaque.resize((WIDTH, round(opaque.height * WIDTH / opaque.width)), Image.Resampling.LANCZOS)
-    buffer = io.BytesIO()
-    opaque.quantize(COLOURS, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
-    return buffer.getvalue()

@@ -1,4 +1,7 @@
-"""Weights on disk: with the configuration of their network, loaded without running code from the file."""
+"""Weights on disk: with the configuration of their network and the ranking fitted to it.
+
+Files are loaded without running code from them.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ import torch
 from drake_gnnocp.files import first_line, write_atomically
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.ranking import Ranking
 
 CONFIGS = ("default", "paper")
 Network = TrajectoryNetwork | PaperNetwork
@@ -32,9 +36,14 @@ def new_network(config: NetworkConfig | PaperConfig) -> Network:
 
 
 def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:
-    """Write weights and configuration, and what else is to be known of them (texts and numbers)."""
-    kind = "default" if isinstance(network, TrajectoryNetwork) else "paper"
-    content = {"kind": kind, "config": asdict(network.config), "about": about, "weights": network.state_dict()}
+    """Write weights, configuration and ranking, and what else is to be known of them (texts and numbers)."""
+    content = {
+        "kind": "default" if isinstance(network, TrajectoryNetwork) else "paper",
+        "config": asdict(network.config),
+        "ranking": asdict(network.ranking),
+        "about": about,
+        "weights": network.state_dict(),
+    }
     save_atomically(path, content)
 
 
@@ -46,19 +55,17 @@ def save_atomically(path: Path, content: dict[str, Any]) -> None:
 
 
 def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
-    """The network in a file, ready for use, and what is to be known of it.
+    """The network in a file with its ranking, ready for use, and what else is to be known of it.
 
     Raises:
         WeightsError: the file cannot be read, or is something else.
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-        config, about = content["config"], dict(content["about"])
-        network: Network
-        if content["kind"] == "default":
-            network = TrajectoryNetwork(NetworkConfig(**config))
-        else:
-            network = PaperNetwork(PaperConfig(**config))
+        about = dict(content["about"])
+        config = NetworkConfig if content["kind"] == "default" else PaperConfig
+        network = new_network(config(**content["config"]))
+        network.ranking = Ranking(**content["ranking"])
         network.load_state_dict(content["weights"])
     except OSError as error:
         raise WeightsError(f"{path}: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""What the networks are told of a task, and of the points of a trajectory."""
+"""Features: the numbers in which the networks see a task and the points of a trajectory."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def clock(points: int) -> Tensor:
 
 
 def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
-    """What a point knows of itself and of its neighbours: (B, T, POINT_FEATURES)."""
+    """Each point, its place on the way, and defects and changes to its neighbours: (B, T, POINT_FEATURES)."""
     n = states.shape[1]
     dt = (duration / (n - 1))[:, None]
     x, y, theta, v, phi = states.unbind(dim=-1)
-    gap = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
-    zero = torch.zeros_like(gap[:, :1])
-    before, after = torch.cat([zero, gap], dim=1), torch.cat([gap, zero], dim=1)
+    defect = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
+    zero = torch.zeros_like(defect[:, :1])
+    before, after = torch.cat([zero, defect], dim=1), torch.cat([defect, zero], dim=1)
     goal = into_frame(states[..., :2], scene.goal)
     turn = theta - scene.goal[:, 2:]
     v_max, phi_max = scene.vehicle[:, [V_MAX]], scene.vehicle[:, [PHI_MAX]]
@@ -57,12 +57,15 @@ def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
 
 
 def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
-    """Error of the kinematic model between points, in the car's frame: (..., T - 1, 3) along, across, turn [m, m, rad].
+    """Defects of the kinematic model between points, in the car's frame.
 
     Args:
         states: (B, ..., T, 5).
         duration: (B, ...) [s].
         vehicle: (B, 8).
+
+    Returns:
+        (B, ..., T - 1, 3) along, across, turn [m, m, rad].
     """
     dt = (duration / (states.shape[-2] - 1))[..., None]
     left, right = states[..., :-1, :], states[..., 1:, :]

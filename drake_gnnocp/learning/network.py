@@ -5,8 +5,9 @@ r"""The network of the `default` configuration, top-down: from a scene to severa
 2. A transformer over the task's token and the obstacles' (the paper's global graph, with attention).
 3. `Proposer`: K hypotheses look at the tokens; each predicts T points, a duration and a score. Solutions are multimodal
    (left or right of an obstacle, forwards or backwards first), and one regression would average them.
-4. `Refiner`, several times: what lies around every point (nearest points of all obstacles in the car's frame, the error
-   of the kinematic model to its neighbours) corrects the point; convolutions along the trajectory keep it together.
+4. `Refiner`, several times: what lies around every point (nearest points of all obstacles in the car's frame, the
+   defects of the kinematic model to its neighbours) corrects the point; convolutions along the trajectory keep it
+   together.
 
 Limits hold by construction: |v| <= v_max and |phi| <= phi_max by tanh; both ends are exact.
 
@@ -30,12 +31,14 @@ from drake_gnnocp.learning.features import (
     point_features,
     task_features,
 )
+from drake_gnnocp.learning.ranking import Ranking
 from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, Scene, into_frame, with_obstacles
 from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
 from drake_gnnocp.vehicle import State
 
 DILATIONS = (1, 2, 4, 8, 1)  # of the convolutions along a trajectory
 NEIGHBOURS = 10  # obstacles the refinements look at: those nearest to the proposed trajectory
+UNFITTED = Ranking()
 LIMITS = slice(V_MAX, PHI_MAX + 1, PHI_MAX - V_MAX)  # columns of vehicles
 
 
@@ -63,7 +66,7 @@ class Prediction:
 
     states: Tensor  # (B, K, T, 5) x, y, theta, v, phi at equal steps [m, m, rad, m/s, rad]
     duration: Tensor  # (B, K) [s]
-    score: Tensor  # (B, K) how likely each is the one to take: logits, or their log_softmax over all hypotheses
+    score: Tensor  # (B, K) logits of which one to take, or their log_softmax over all hypotheses
 
 
 def mlp(*sizes: int) -> nn.Sequential:
@@ -185,11 +188,11 @@ class Refiner(nn.Module):
         self, states: Tensor, duration: Tensor, latent: Tensor, tokens: Tensor, scene: Scene
     ) -> tuple[Tensor, Tensor]:
         """Better states (B, T, 5) and durations (B,) of states (B, T, 5), with latents (B, D), tokens (B, J, D)."""
-        near = surroundings(states[..., POSE], scene)  # (B, T, J, SURROUNDINGS)
-        token = self.token(tokens)[:, None].expand(-1, near.shape[1], -1, -1)
-        around = masked_max(self.around(torch.cat([near, token], dim=-1)), scene.mask.any(dim=-1)[:, None])
+        around = surroundings(states[..., POSE], scene)  # (B, T, J, SURROUNDINGS)
+        token = self.token(tokens)[:, None].expand(-1, around.shape[1], -1, -1)
+        pooled = masked_max(self.around(torch.cat([around, token], dim=-1)), scene.mask.any(dim=-1)[:, None])
         features = point_features(states, duration, scene)
-        x = self.enter(torch.cat([features, around], dim=-1)) + self.latent(latent)[:, None]  # (B, T, C)
+        x = self.enter(torch.cat([features, pooled], dim=-1)) + self.latent(latent)[:, None]  # (B, T, C)
         for block, norm in zip(self.blocks, self.norms, strict=True):
             x = x + torch.relu(block(norm(x)))
         raw = self.leave(x)[:, None]  # (B, 1, T, 5)
@@ -198,11 +201,12 @@ class Refiner(nn.Module):
 
 
 class TrajectoryNetwork(nn.Module):
-    """The network of the `default` configuration."""
+    """The network of the `default` configuration, and the ranking of its hypotheses."""
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self, config: NetworkConfig, ranking: Ranking = UNFITTED) -> None:
         super().__init__()
         self.config = config
+        self.ranking = ranking
         width = config.width
         self.obstacles = ObstacleEncoder(width)
         self.task = mlp(TASK_FEATURES, width, width)
@@ -229,7 +233,7 @@ class TrajectoryNetwork(nn.Module):
         scene, tokens = with_obstacles(scene, which), tokens[torch.arange(len(scene))[:, None], which]
         steps = []
         for refiner in self.refiners:
-            # every refinement answers for what it was given, not for how that came about
+            # gradients end here: every refinement learns to correct what it is given
             states, duration = refiner(states.detach(), duration.detach(), latent, tokens, scene)
             steps.append((states, duration))
         return steps

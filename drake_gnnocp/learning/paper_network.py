@@ -15,11 +15,10 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import smooth_l1_loss
 
-from drake_gnnocp.experiments.training.losses import LossParts
 from drake_gnnocp.learning.features import LENGTH
-from drake_gnnocp.learning.network import Prediction, mlp
+from drake_gnnocp.learning.network import UNFITTED, Prediction, mlp
+from drake_gnnocp.learning.ranking import Ranking
 from drake_gnnocp.learning.scene import Scene
 from drake_gnnocp.vehicle import State
 
@@ -51,11 +50,12 @@ class Fusion(nn.Module):
 
 
 class PaperNetwork(nn.Module):
-    """The paper's network."""
+    """The paper's network, and the ranking of its hypotheses (one from each view of a scene)."""
 
-    def __init__(self, config: PaperConfig) -> None:
+    def __init__(self, config: PaperConfig, ranking: Ranking = UNFITTED) -> None:
         super().__init__()
         self.config = config
+        self.ranking = ranking
         wide = 2 * config.hidden
         self.subgraph = nn.ModuleList(
             Fusion(6 if layer == 0 else wide, config.hidden) for layer in range(config.subgraph_layers)
@@ -80,14 +80,6 @@ class PaperNetwork(nn.Module):
         states = columns * columns.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
         score = states.new_zeros(len(scene), 1)
         return Prediction(states[:, None][:, ranks], _duration(states)[:, None][:, ranks], score[:, ranks])
-
-    def loss(self, scene: Scene, states: Tensor, duration: Tensor) -> LossParts:
-        """Regression of the five variables; `duration` is not learned."""
-        found = self(scene).states[:, 0]
-        unit = found.new_tensor([LENGTH, LENGTH, 1.0, 1.0, 1.0])
-        loss = smooth_l1_loss(found / unit, states / unit, beta=0.1)
-        position = torch.linalg.norm((found - states)[..., :2], dim=-1).mean()
-        return {"loss": loss, "position": position.detach()}
 
 
 def largest(nodes: Tensor, graph: Tensor, n_graphs: int) -> Tensor:

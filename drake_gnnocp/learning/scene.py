@@ -64,16 +64,15 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         # the free side is on the right of every vector, as it is for rings
         walls = [(xmin, ymin, xmin, ymax), (xmin, ymax, xmax, ymax), (xmax, ymax, xmax, ymin), (xmax, ymin, xmin, ymin)]
         groups.extend(np.array([wall]) for wall in walls)
-    return padded(groups)
+    if not groups:  # one obstacle that is only padding
+        return np.zeros((1, 1, 4)), np.zeros((1, 1), dtype=bool)
+    return padded(groups), padded([np.ones(len(group), dtype=bool) for group in groups])
 
 
-def padded(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Groups of edges (E_j, 4) as one array (J, E, 4) and its mask (J, E); at least one of each, if only padding."""
-    most = max([1, *(len(group) for group in groups)])
-    edges, mask = np.zeros((max(1, len(groups)), most, 4)), np.zeros((max(1, len(groups)), most), dtype=bool)
-    for j, group in enumerate(groups):
-        edges[j, : len(group)], mask[j, : len(group)] = group, True
-    return edges, mask
+def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays with the same number of axes as one (N, ...): zeros (or False) at the ends of axes make them alike."""
+    shape = np.max([array.shape for array in arrays], axis=0)
+    return np.stack([np.pad(array, [(0, n) for n in shape - array.shape]) for array in arrays])
 
 
 def vehicle_row(vehicle: Vehicle) -> list[float]:

@@ -13,10 +13,10 @@ from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH,
 STATIONS = (0.0, 0.5, 1.0)  # of the way from the rear bumper's side to the front's, see `stations`
 SURROUNDINGS = 4 * len(STATIONS)  # nearest x, y, nearness and side, at each station
 FAR = 1e3  # m, stands for no obstacle
-TIE, ROUNDING = 1e-4, 1e-5  # m^2 and relative: squared distances nearer than this are the same, in single precision
+TIE, RELATIVE_TIE = 1e-4, 1e-5  # m^2 and a share: squared distances closer than this count as the same (float32)
 TINY = 1e-12  # m^2, of an edge that is padding
 MEAN_SHARE = 1e-3  # of the mean distance in the order of obstacles by their least one
-NEAR = 2.0  # m, distances are seen as NEAR / (NEAR + distance)
+HALF_NEARNESS = 2.0  # m, the distance at which the nearness HALF_NEARNESS / (HALF_NEARNESS + distance) is 1/2
 
 
 def stations(poses: Tensor, vehicle: Tensor) -> Tensor:
@@ -44,9 +44,9 @@ def nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor
     """
     x, y = points[:, None].unbind(dim=-1)  # (B, 1, P)
     with torch.no_grad():
-        reach_x, reach_y, squared, cross = _towards_edges(points, edges, mask)
+        to_x, to_y, squared, cross = _towards_edges(points, edges, mask)
         least, which = squared.min(dim=0, keepdim=True)
-        nearest_x, nearest_y = reach_x.gather(0, which)[0] + x, reach_y.gather(0, which)[0] + y
+        nearest_x, nearest_y = to_x.gather(0, which)[0] + x, to_y.gather(0, which)[0] + y
         side = _side(squared, cross, least[0])
     return nearest_x - x, nearest_y - y, side
 
@@ -71,15 +71,18 @@ def _towards_edges(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor,
     per_square = 1 / (along_x**2 + along_y**2).clamp(min=TINY)
     offset_x, offset_y = x - tail_x, y - tail_y
     t = (offset_x * (along_x * per_square) + offset_y * (along_y * per_square)).clamp_(0.0, 1.0)
-    reach_x, reach_y = t * along_x - offset_x, t * along_y - offset_y
-    return reach_x, reach_y, reach_x**2 + reach_y**2, offset_x * along_y - offset_y * along_x
+    to_x, to_y = t * along_x - offset_x, t * along_y - offset_y
+    return to_x, to_y, to_x**2 + to_y**2, offset_x * along_y - offset_y * along_x
 
 
 def _side(squared: Tensor, cross: Tensor, least: Tensor) -> Tensor:
-    """+1 where a point is right of a nearest edge, else -1: (B, J, P)."""
-    # at a corner two edges are nearest: the point is outside if it is outside of either
-    outside = (squared + torch.relu(-cross) * (FAR**2 / TINY)).amin(dim=0)  # as near, but edges it is left of are not
-    return (outside <= (1 + ROUNDING) * least + TIE) * 2.0 - 1.0
+    """+1 where a point is right of a nearest edge, else -1: (B, J, P).
+
+    At a corner two edges are nearest, and the point is outside the obstacle if it is right of either. So the least
+    distance is looked for once more among the edges that the point is right of; the others get a large distance.
+    """
+    of_right_edges = (squared + torch.relu(-cross) * (FAR**2 / TINY)).amin(dim=0)
+    return (of_right_edges <= (1 + RELATIVE_TIE) * least + TIE) * 2.0 - 1.0
 
 
 def nearest_obstacles(poses: Tensor, scene: Scene, most: int) -> Tensor:
@@ -98,11 +101,12 @@ def nearest_obstacles(poses: Tensor, scene: Scene, most: int) -> Tensor:
 def surroundings(poses: Tensor, scene: Scene) -> Tensor:
     """Features (B, T, J, SURROUNDINGS) of what lies around poses (B, T, 3)."""
     b, t = poses.shape[:2]
-    points = stations(poses, scene.vehicle)
-    x, y, side = (each.unflatten(2, (t, -1)) for each in nearest(points.flatten(1, 2), scene.edges, scene.mask))
-    cos, sin = (each(poses[:, None, :, 2, None]) for each in (torch.cos, torch.sin))
+    points = stations(poses, scene.vehicle).flatten(1, 2)
+    x, y, side = (column.unflatten(2, (t, -1)) for column in nearest(points, scene.edges, scene.mask))
+    theta = poses[:, None, :, 2, None]
+    cos, sin = torch.cos(theta), torch.sin(theta)
     ahead, left = cos * x + sin * y, cos * y - sin * x  # (B, J, T, S)
-    nearness = NEAR / (NEAR + torch.hypot(ahead, left))
+    nearness = HALF_NEARNESS / (HALF_NEARNESS + torch.hypot(ahead, left))
     # directions weighted by nearness: what is far away hardly matters
     features = torch.stack([ahead * nearness, left * nearness, nearness, side * nearness], dim=-1)
     return features.transpose(1, 2).reshape(b, t, scene.edges.shape[1], SURROUNDINGS)

@@ -19,10 +19,12 @@ import numpy as np
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SolverOptions
 
 HUGE = 1e20
+OUT_OF_TIME = "Wall time exceeded"  # status, in Ipopt's words
+SHORTEST_TIME, LONGEST_TIME = 1e-3, 1e6  # s, what Ipopt takes for a limit
 
 
 @dataclass(frozen=True)
-class IpoptOptions:
+class IpoptSettings:
     """The options that matter for this problem; the rest keep Ipopt's defaults."""
 
     mu_init: float = 1e-4  # barrier of a start near the optimum: it does not push the guess off its constraints
@@ -34,6 +36,13 @@ class IpoptOptions:
     settled_iterations: int = 2  # iterations the above must hold
     max_iterations: int = 200
     history: int = 6  # pairs of the limited-memory BFGS
+
+
+USUAL = IpoptSettings()
+# where SQP steps have converged: they have done the optimising, and a barrier of 1e-4 leads away from there
+FINISH = IpoptSettings(
+    objective_change=5e-3, settled_iterations=1, complementarity=0.1, mu_init=3e-5, bound_multiplier=3.0
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class Solution:
 
 
 def solve(
-    program: MathematicalProgram, guess: np.ndarray, hessian: float, max_seconds: float, options: IpoptOptions
+    program: MathematicalProgram, guess: np.ndarray, hessian: float, max_seconds: float, settings: IpoptSettings
 ) -> Solution:
     """Solve a program from a guess.
 
@@ -58,17 +67,17 @@ def solve(
         guess: values of all decision variables.
         hessian: the first BFGS matrix is this times the identity.
         max_seconds: wall-clock limit [s].
-        options: see `IpoptOptions`.
+        settings: see `IpoptSettings`.
     """
     solver = IpoptSolver()
     with tempfile.TemporaryDirectory(prefix="ipopt") as folder:
         log = Path(folder) / "log"
-        settings = SolverOptions()
-        for name, value in _settings(hessian, max(max_seconds, 1e-3), options, log).items():
-            settings.SetOption(solver.solver_id(), name, value)
+        options = SolverOptions()
+        for name, value in _options(hessian, min(max(max_seconds, SHORTEST_TIME), LONGEST_TIME), settings, log).items():
+            options.SetOption(solver.solver_id(), name, value)
         start = time.perf_counter()
         with _quiet():
-            result = solver.Solve(program, guess, settings)
+            result = solver.Solve(program, guess, options)
         seconds = time.perf_counter() - start
         iterations = _iterations(log)
     violated = () if result.is_success() else tuple(result.GetInfeasibleConstraintNames(program))
@@ -88,31 +97,31 @@ def _quiet() -> Iterator[None]:
         log.setLevel(level)
 
 
-def _settings(hessian: float, max_seconds: float, options: IpoptOptions, log: Path) -> dict[str, float | int | str]:
+def _options(hessian: float, max_seconds: float, settings: IpoptSettings, log: Path) -> dict[str, float | int | str]:
     return {
         "limited_memory_initialization": "constant",
         "limited_memory_init_val": hessian,
-        "limited_memory_max_history": options.history,
+        "limited_memory_max_history": settings.history,
         # the default ordering and scaling made the linear algebra 3.5 times slower: the scaling forces a new
         # analysis of the matrix in every iteration
         "spral_order": "metis",
         "spral_scaling": "none",
         "spral_nemin": 8,
         "mu_strategy": "monotone",
-        "mu_init": options.mu_init,
-        "bound_mult_init_val": options.bound_multiplier,
-        "bound_push": options.push,
-        "bound_frac": options.push,
-        "slack_bound_push": options.push,
-        "slack_bound_frac": options.push,
+        "mu_init": settings.mu_init,
+        "bound_mult_init_val": settings.bound_multiplier,
+        "bound_push": settings.push,
+        "bound_frac": settings.push,
+        "slack_bound_push": settings.push,
+        "slack_bound_frac": settings.push,
         # stop by progress: the scale of the states inflates the dual infeasibility
         "acceptable_tol": HUGE,
         "acceptable_dual_inf_tol": HUGE,
-        "acceptable_constr_viol_tol": options.feasibility,
-        "acceptable_compl_inf_tol": options.complementarity,
-        "acceptable_obj_change_tol": options.objective_change,
-        "acceptable_iter": options.settled_iterations,
-        "max_iter": options.max_iterations,
+        "acceptable_constr_viol_tol": settings.feasibility,
+        "acceptable_compl_inf_tol": settings.complementarity,
+        "acceptable_obj_change_tol": settings.objective_change,
+        "acceptable_iter": settings.settled_iterations,
+        "max_iter": settings.max_iterations,
         "max_wall_time": max_seconds,
         "output_file": str(log),
         "file_print_level": 3,

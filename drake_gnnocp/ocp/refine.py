@@ -1,6 +1,6 @@
-"""Solve, verify, refine: the loop that turns a guess into a verified plan.
+"""Solve, verify, answer: the loop that turns a guess into a verified plan.
 
-A few convex steps pull the guess near the optimum, and Ipopt finishes it.
+A few SQP steps pull the guess near the optimum, and Ipopt finishes it.
 
 Triangle areas hold at the knots only, have no gradient inside a polygon, and miss edges that cross without a vertex
 inside. So every converged plan is verified densely; every (interval, convex obstacle) that came too close gets a swept
@@ -12,18 +12,18 @@ get a margin. A verified plan that passes an obstacle nearer than it must is wid
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_gnnocp.ocp.convex_step import ConvexOptions, ConvexSteps, convex_steps
-from drake_gnnocp.ocp.cost import Cost, evaluate_cost
-from drake_gnnocp.ocp.ipopt import IpoptOptions, solve
-from drake_gnnocp.ocp.pairs import Pair, close_pairs, overlapping_pairs
-from drake_gnnocp.ocp.problem import ProblemOptions, build, unpack
-from drake_gnnocp.ocp.separating_line import Separation
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.ocp import ipopt
+from drake_gnnocp.ocp.close_pairs import Pair, close_pairs, overlapping_pairs
+from drake_gnnocp.ocp.formulation import Formulation, Line
+from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings
+from drake_gnnocp.ocp.nlp import build
+from drake_gnnocp.ocp.sqp import SqpSteps
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
@@ -31,193 +31,152 @@ from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
 
 TOO_LATE = "out of time before the first solve"
+RESERVE = 0.2  # s, kept from the budget for the check after a solve
+MOST_ANSWERS = 8  # refinements after the first solve
+FINISH_ROWS_WITHIN = 1.2  # m, where SQP steps have converged: little moves any more
+JUMPED = 0.1  # m, penetration from which on the solver has jumped an obstacle, and starts again where it started
+GUARDED_WITHIN = 0.5  # m, pairs nearer than this at the guess get a line after a solve that failed
+NEEDLESSLY_NEAR = 0.75  # of the line clearance: a verified plan nearer than this, and than its guess, is widened once
+LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
 
 
-@dataclass(frozen=True)
-class RefineOptions:
-    """When to refine and how."""
-
-    problem: ProblemOptions = field(default_factory=ProblemOptions)
-    ipopt: IpoptOptions = field(default_factory=IpoptOptions)
-    convex: ConvexOptions = field(default_factory=ConvexOptions)
-    finish: IpoptOptions = IpoptOptions(
-        objective_change=5e-3, settled_iterations=1, complementarity=0.1, mu_init=3e-5, bound_multiplier=3.0
-    )  # where the convex steps have settled: they have done the optimising, and a barrier of 1e-4 leads away from there
-    finish_near: float = 1.2  # m, the problem's `near` then
-    threshold: float = 0.02  # m, pairs that come nearer get a line
-    gap: float = 0.02  # m, first gap of a line
-    deep: float = 0.1  # m, overlap from which on the solver has jumped an obstacle, and starts again where it started
-    guarded: float = 0.5  # m, pairs nearer than this at the start get a line after a solve that failed
-    max_rounds: int = 8  # refinements after the first solve
-    near_share: float = 0.75  # of the threshold: a verified plan nearer than this, and than its guess, is widened once
-    end_share: float = 0.4  # of the clearance of start and goal: no line or least margin asks for more
-    bounds_step: float = 0.005  # m, margin added to what the bounds were exceeded by
-    limits_step: float = 0.002  # relative, added to what v or phi were exceeded by
-    reserve: float = 0.2  # s, kept from the budget for the check after a solve
-
-
-@dataclass(frozen=True)
-class Round:
+@dataclass(frozen=True, eq=False)
+class Solve:
     """One solve of the loop."""
 
     build_seconds: float  # s
-    solve_seconds: float  # s, Ipopt and the convex steps before it
+    solve_seconds: float  # s, Ipopt's
     iterations: int  # Ipopt's
     success: bool  # Ipopt's word
     status: str  # Ipopt's
     violated: tuple[str, ...]  # descriptions of the constraints that did not hold
     rows: int
     lines: int
-    verification: Verification
-    convex_steps: int = 0  # quadratic programs before it
-    convex_seconds: float = 0.0  # s, of them; part of solve_seconds
-
-
-@dataclass(frozen=True)
-class Optimised:
-    """The outcome of the loop: the best trajectory and how it came about."""
-
     trajectory: Trajectory
     verification: Verification
-    cost: Cost
-    rounds: tuple[Round, ...]
+
+    @property
+    def merit(self) -> tuple[int, float, float]:
+        """Order of plans, the best first: fewer faults, then more clearance, then the smaller error at the goal."""
+        check = self.verification
+        return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The outcome of the loop: all solves, and which of them is the best."""
+
+    solves: tuple[Solve, ...]
+    best: int | None  # index of the solve; None without one
     reason: str  # empty when verified, else why not
 
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """That of the best solve."""
+        return None if self.best is None else self.solves[self.best].trajectory
 
-def optimise(
+    @property
+    def verified(self) -> bool:
+        """Whether the best solve led to a plan."""
+        return self.best is not None and self.solves[self.best].verification.verified
+
+
+def refine(
     scenario: Scenario,
-    guess: Trajectory,
-    options: RefineOptions,
-    deadline: float = math.inf,
-    stepped: ConvexSteps | None = None,
-) -> Optimised:
-    """Optimise a guess until the plan is verified, the rounds are used up, or the deadline passes.
+    formulation: Formulation,
+    budget: Budget,
+    steps: SqpSteps | None = None,
+    settings: IpoptSettings = USUAL,
+) -> Refined:
+    """Solve, verify and answer until the plan is verified, there were enough solves, or the budget is over.
 
     Args:
         scenario: the task, near the origin.
-        guess: equally spaced knots, any quality.
-        options: see `RefineOptions`.
-        deadline: instant of `time.monotonic()` [s].
-        stepped: what `take_convex_steps` made of the guess, where that is known.
+        formulation: around the guess.
+        budget: of it, a little is kept for the last check.
+        steps: where SQP steps led from the guess, if they were taken.
+        settings: of Ipopt; where the steps have converged, they are those of the finish.
     """
-    stepped = stepped or take_convex_steps(scenario, guess, options, deadline - options.reserve)
-    options = _fitted_to_ends(scenario, options)
-    start = stepped.trajectory
-    gaps = {pair: options.gap for pair in overlapping_pairs(scenario, start)}
-    rounds: list[Round] = []
-    best: tuple[Trajectory, Verification | None] = (guess, None)
-    widened = False  # whether the solve to come only widens the gaps of a verified plan, which is kept if it fails
-    while len(rounds) <= options.max_rounds and time.monotonic() < deadline - options.reserve:
-        fitted = _fitted_to_start(options, stepped, guess)
-        found, report = _solve_once(scenario, start, gaps, fitted, deadline - options.reserve)
-        if not rounds:
-            seconds = report.solve_seconds + stepped.seconds
-            report = replace(report, solve_seconds=seconds, convex_steps=stepped.steps, convex_seconds=stepped.seconds)
-        rounds.append(report)
-        if best[1] is None or badness(report.verification) < badness(best[1]):
-            best = (found, report.verification)
-        if widened or time.monotonic() >= deadline - options.reserve:
+    budget = budget.without(RESERVE)
+    given, given_settings, guess = formulation, settings, formulation.reference
+    if steps is not None and steps.trajectory is not guess:
+        # steps leave the margins they were asked for
+        formulation = replace(formulation, reference=steps.trajectory, reference_share=1.0)
+    if steps is not None and steps.converged:
+        formulation, settings = replace(formulation, rows_within=FINISH_ROWS_WITHIN), FINISH
+    formulation = _with_lines(formulation, dict.fromkeys(overlapping_pairs(formulation), 0.0))
+    solves: list[Solve] = []
+    best, widening = 0, False
+    while len(solves) <= MOST_ANSWERS and not budget.is_over:
+        solve = solve_once(scenario, formulation, settings, budget)
+        solves.append(solve)
+        best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
+        if widening or budget.is_over:
             break
-        if report.verification.verified:
-            widened = _is_needlessly_near(scenario, guess, report.verification, options)
-            if not widened:
+        if solve.verification.verified:
+            widening = _is_needlessly_near(scenario, guess, formulation, solve.verification)
+            if not widening:
                 break
-        if report.success or widened:
-            close = close_pairs(scenario, found, options.threshold)
-            start = found if min(close.values(), default=0.0) > -options.deep else start
-            options = _answered(scenario, found, options)
-        else:  # what it left behind tells nothing: guard everything that is near the start, the guess as it was given
-            start, stepped = guess, replace(stepped, trajectory=guess, settled=False)
-            close = close_pairs(scenario, start, options.guarded)
-        _add_lines(gaps, close, options)
-    trajectory, check = best
-    check = check or verify(scenario, trajectory)
-    cost = evaluate_cost(trajectory, scenario.centroids, options.problem.weights)
-    return Optimised(trajectory, check, cost, tuple(rounds), _reason(check, rounds, deadline - options.reserve))
+        if solve.success or widening:
+            formulation = answer(scenario, formulation, solve)
+        else:  # what it left behind tells nothing: guard everything that is near the guess, as it was given
+            formulation = replace(
+                formulation, reference=guess, reference_share=given.reference_share, rows_within=given.rows_within
+            )
+            motion = drive(scenario.start, guess, scenario.vehicle)
+            formulation = _with_lines(formulation, close_pairs(formulation, motion, GUARDED_WITHIN))
+            settings = given_settings
+    if not solves:
+        return Refined((), None, TOO_LATE)
+    return Refined(tuple(solves), best, _reason(solves[best].verification, solves, budget))
 
 
-def badness(check: Verification) -> tuple[int, float, float]:
-    """Order of plans: fewer faults first, then clearance, then the error at the goal."""
-    return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
-
-
-def _solve_once(
-    scenario: Scenario, start: Trajectory, gaps: dict[Pair, float], options: RefineOptions, deadline: float
-) -> tuple[Trajectory, Round]:
+def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSettings, budget: Budget) -> Solve:
+    """Build the program of a formulation, solve it and verify what comes out."""
     begin = time.perf_counter()
-    separations = [Separation(k, scenario.convex_obstacles[j], gap) for (k, j), gap in sorted(gaps.items())]
-    problem = build(scenario, start, separations, options.problem)
+    nlp = build(formulation)
     build_seconds = time.perf_counter() - begin
-    left = min(deadline - time.monotonic(), 1e6)
-    solution = solve(problem.program, problem.guess, problem.hessian, left, options.ipopt)
-    trajectory = unpack(problem, solution.program_values)
-    return trajectory, Round(
-        build_seconds,
-        solution.seconds,
-        solution.iterations,
-        solution.success,
-        solution.status,
-        solution.violated,
-        problem.n_rows,
-        len(gaps),
-        verify(scenario, trajectory),
+    solution = ipopt.solve(nlp.program, nlp.first_iterate, nlp.hessian, budget.left, settings)
+    trajectory = nlp.trajectory(solution.program_values)
+    return Solve(
+        build_seconds=build_seconds,
+        solve_seconds=solution.seconds,
+        iterations=solution.iterations,
+        success=solution.success,
+        status=solution.status,
+        violated=solution.violated,
+        rows=nlp.n_rows,
+        lines=len(formulation.lines),
+        trajectory=trajectory,
+        verification=verify(scenario, trajectory),
     )
 
 
-def take_convex_steps(
-    scenario: Scenario, guess: Trajectory, options: RefineOptions, deadline: float = math.inf
-) -> ConvexSteps:
-    """The convex steps that `optimise` begins with; none with a free horizon."""
-    if options.problem.free_horizon or not options.convex.most_steps:
-        return ConvexSteps(guess, 0, False, math.inf, 0.0)
-    return convex_steps(scenario, guess, _fitted_to_ends(scenario, options).problem, options.convex, deadline)
-
-
-def _fitted_to_start(options: RefineOptions, stepped: ConvexSteps, guess: Trajectory) -> RefineOptions:
-    """Convex steps leave the margins they were asked for, and when they have settled little else to do."""
-    problem = options.problem if stepped.trajectory is guess else replace(options.problem, guess_share=1.0)
-    if not stepped.settled:
-        return replace(options, problem=problem)
-    return replace(options, problem=replace(problem, near=options.finish_near), ipopt=options.finish)
-
-
-def _fitted_to_ends(scenario: Scenario, options: RefineOptions) -> RefineOptions:
-    """Gaps and margins no larger than what start and goal allow."""
-    ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
-    allowed = options.end_share * float(scenario.end_clearances.min(initial=math.inf))
-    inside = options.end_share * max(0.0, -_beyond_bounds(scenario, ends))
-    problem = replace(
-        options.problem,
-        least_margin=min(options.problem.least_margin, allowed),
-        bounds_margin=min(options.problem.bounds_margin, inside),
-    )
-    return replace(options, problem=problem, gap=min(options.gap, allowed), threshold=min(options.threshold, allowed))
-
-
-def _answered(scenario: Scenario, found: Trajectory, options: RefineOptions) -> RefineOptions:
-    """Ask for what the check missed in a converged plan."""
+def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formulation:
+    """The formulation that asks for what the check missed in a converged plan, around that plan."""
+    found = solve.trajectory
     motion = drive(scenario.start, found, scenario.vehicle)
-    problem = options.problem
-    beyond = _beyond_bounds(scenario, scenario.vehicle.footprints(motion.states[:, :3]))
-    if beyond > 0:
-        problem = replace(problem, bounds_margin=problem.bounds_margin + beyond + options.bounds_step)
+    close = close_pairs(formulation, motion, formulation.line_clearances)
+    jumped = min(close.values(), default=0.0) <= -JUMPED
     excess = _beyond_limits(scenario, motion)
-    if excess > 0:
-        problem = replace(problem, limits_margin=min(0.5, problem.limits_margin + excess + options.limits_step))
-    error = motion.states[-1, :3] - found.poses[-1] + problem.goal_offset
-    if np.abs(error[:2]).max() > POSITION_TOLERANCE / 2 or abs(error[2]) > HEADING_TOLERANCE / 2:
-        x, y, theta = np.array(problem.goal_offset) - error
-        problem = replace(problem, goal_offset=(float(x), float(y), float(theta)))
-    return replace(options, problem=problem)
+    limits_margin = formulation.limits_margin + excess + LIMITS_STEP
+    answered = replace(
+        formulation,
+        reference=formulation.reference if jumped else found,
+        goal=_aimed_goal(scenario, formulation, motion, found),
+        limits_margin=min(LARGEST_LIMITS_MARGIN, limits_margin) if excess > 0 else formulation.limits_margin,
+    )
+    return _with_lines(answered, close)
 
 
-def _beyond_bounds(scenario: Scenario, footprints: np.ndarray) -> float:
-    """How far footprints (N, 4, 2) reach beyond the bounds; negative inside, -inf without bounds [m]."""
-    if scenario.bounds is None:
-        return -math.inf
-    xmin, xmax, ymin, ymax = scenario.bounds
-    (left, low), (right, high) = footprints.min(axis=(0, 1)), footprints.max(axis=(0, 1))
-    return float(max(xmin - left, right - xmax, ymin - low, high - ymax))
+def _aimed_goal(scenario: Scenario, formulation: Formulation, motion: DrivenMotion, found: Trajectory) -> np.ndarray:
+    """The goal, or as far beside it as the driven motion ends to the other side."""
+    at = formulation.goal[: State.V]
+    turns = 2 * np.pi * np.round((at[State.THETA] - scenario.goal[State.THETA]) / (2 * np.pi))
+    error = motion.states[-1, : State.V] - (scenario.goal + [0.0, 0.0, turns])
+    if np.abs(error[:2]).max() <= POSITION_TOLERANCE / 2 and abs(error[2]) <= HEADING_TOLERANCE / 2:
+        return formulation.goal
+    return np.append(at - error, formulation.goal[State.V :])
 
 
 def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
@@ -226,28 +185,30 @@ def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
     return float(max(v / scenario.vehicle.v_max, phi / scenario.vehicle.phi_max)) - 1.0
 
 
-def _is_needlessly_near(scenario: Scenario, guess: Trajectory, check: Verification, options: RefineOptions) -> bool:
-    """Whether a plan passes an obstacle nearer than it should and the guess does at its knots."""
-    if check.min_clearance_m >= options.near_share * options.threshold:
+def _is_needlessly_near(scenario: Scenario, guess: Trajectory, formulation: Formulation, check: Verification) -> bool:
+    """Whether a plan passes an obstacle nearer than it should and the guess does at its knots; walls are none."""
+    asked = formulation.line_clearances[: len(scenario.convex_obstacles)]
+    if check.min_clearance_m >= NEEDLESSLY_NEAR * asked.max(initial=0.0):
         return False
     return min_clearance(scenario, scenario.vehicle.footprints(guess.poses)) > check.min_clearance_m
 
 
-def _add_lines(gaps: dict[Pair, float], close: dict[Pair, float], options: RefineOptions) -> None:
-    """Give the pairs that came too close a line, or a wider gap where they had one."""
+def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulation:
+    """The pairs that came too close get a line, or a line with more clearance where they had one."""
+    clearances = {(line.interval, line.obstacle): line.clearance for line in formulation.lines}
     for pair, distance in close.items():
-        if pair not in gaps:
-            gaps[pair] = options.gap
-        elif distance < options.threshold:
-            gaps[pair] += min(options.threshold - distance, options.threshold)
+        if pair not in clearances:
+            clearances[pair] = float(formulation.line_clearances[pair[1]])
+        elif distance < (least := float(formulation.line_clearances[pair[1]])):
+            clearances[pair] += min(least - distance, least)
+    lines = tuple(Line(interval, j, clearance) for (interval, j), clearance in sorted(clearances.items()))
+    return replace(formulation, lines=lines)
 
 
-def _reason(check: Verification, rounds: list[Round], deadline: float) -> str:
+def _reason(check: Verification, solves: list[Solve], budget: Budget) -> str:
     if check.verified:
         return ""
-    if not rounds:
-        return TOO_LATE
-    last = rounds[-1]
-    late = ", out of time" if time.monotonic() >= deadline else ""
+    last = solves[-1]
+    late = ", out of time" if budget.is_over else ""
     violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""
-    return f"{'; '.join(check.faults)} after {len(rounds)} solves (Ipopt: {last.status}{late}{violated})"
+    return f"{'; '.join(check.faults)} after {len(solves)} solves (Ipopt: {last.status}{late}{violated})"

@@ -106,11 +106,11 @@ def _add_body(meshcat: Meshcat, vehicle: Vehicle, size: Proportions) -> None:
     side = [[rear, 1.3 * floor], [front, 1.3 * floor], [front, 1.7 * r], [wheelbase * 0.78, belt], [rear, 2.35 * r]]
     core = upright(prism(shapely.Polygon(side), 0.0, 1.0), size.core)
     meshcat.SetTriangleMesh(f"{CAR}/core", *core, rgba=PAINT)
-    gap = 1.25 * r  # between an axle and the body before and behind its wheels
+    room = 1.25 * r  # between an axle and the body before and behind its wheels
     for name, x0, x1, high in (
-        ("tail", rear, -gap, 2.2 * r),
-        ("sills", gap, wheelbase - gap, 2.2 * r),
-        ("nose", wheelbase + gap, front, 1.6 * r),
+        ("tail", rear, -room, 2.2 * r),
+        ("sills", room, wheelbase - room, 2.2 * r),
+        ("nose", wheelbase + room, front, 1.6 * r),
     ):
         if x1 > x0:  # short hangs have no room for it
             block = frustum((x0, x1, half), (x0, x1, 0.94 * half), floor, high)
@@ -130,11 +130,11 @@ def _add_cabin(meshcat: Meshcat, vehicle: Vehicle, size: Proportions) -> None:
 
 def _add_lights(meshcat: Meshcat, vehicle: Vehicle, size: Proportions) -> None:
     rear, front = -vehicle.rear_hang, vehicle.wheelbase + vehicle.front_hang
-    r, depth = size.wheel_radius, 0.02  # m
+    r, thickness = size.wheel_radius, 0.02  # m
     for name, x, z, color in (("head", front, 1.3 * r, HEADLIGHT), ("tail", rear, 1.7 * r, TAILLIGHT)):
         for side, y in (("left", 0.36 * vehicle.width), ("right", -0.36 * vehicle.width)):
             path = f"{CAR}/{name}light_{side}"
-            meshcat.SetObject(path, Box(2 * depth, 0.16 * vehicle.width, 0.35 * r), color)
+            meshcat.SetObject(path, Box(2 * thickness, 0.16 * vehicle.width, 0.35 * r), color)
             meshcat.SetTransform(path, RigidTransform([x, y, z]))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 import shapely
@@ -14,14 +15,14 @@ from matplotlib.patches import PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
 
 from drake_gnnocp.pictures import style
-from drake_gnnocp.pictures.scene import extent, polygons_near, readable_origin, relative
+from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_polygons, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
 
 FOOTPRINT_SPACING = 1.5  # m of arc length between footprints
 FOOTPRINTS = (6, 60)  # the least and the most of them
-MARGIN = 0.03  # of the larger side, free space around the drawing
+BORDER = 0.03  # of the larger side, free space around the drawing
 MAP_SIZE = (6.6, 6.2)  # inch, the map fits into this ...
 LEGEND_ROOM = (2.1, 0.8)  # inch, ... and legend, labels and title need this beside and above it
 
@@ -49,17 +50,18 @@ def draw_map(
     """
     origin = readable_origin(scenario)
     style.dress(ax)
-    _draw_obstacles(ax, polygons_near(scenario, origin))
-    if scenario.bounds is not None:
-        _draw_bounds(ax, np.array(scenario.bounds).reshape(2, 2).T - origin)
+    _draw_obstacles(ax, relative_polygons(scenario, origin))
+    if (bounds := relative_bounds(scenario, origin)) is not None:
+        look: dict[str, Any] = {"fill": False, "ec": style.LIMIT, "ls": (0, (6, 2, 1, 2)), "label": "bounds"}
+        ax.add_patch(Rectangle(bounds[0], *(bounds[1] - bounds[0]), **look))  # dash-dotted
     if trajectory is not None:
-        _draw_footprints(ax, scenario.vehicle, relative(trajectory.poses, origin))
+        _draw_footprints(ax, scenario.vehicle, relative_poses(trajectory.poses, origin))
     if guess is not None:
         ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
     if trajectory is not None:
         ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label="optimised path", zorder=5)
-    _draw_car(ax, scenario.vehicle, relative(scenario.start, origin), style.START, "start")
-    _draw_car(ax, scenario.vehicle, relative(scenario.goal, origin), style.GOAL, "goal")
+    _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
+    _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
     _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
     if title:
         ax.set_title(title, fontsize=style.TITLE_SIZE)
@@ -83,11 +85,7 @@ def plan_figure(
 
 
 def save_plan_picture(
-    path: FilePath | str,
-    scenario: Scenario,
-    trajectory: Trajectory | None,
-    guess: Trajectory | None,
-    title: str | None,
+    path: FilePath | str, scenario: Scenario, trajectory: Trajectory | None, guess: Trajectory | None, title: str | None
 ) -> None:
     """Write the map of a plan as a picture (PNG, or what the suffix says)."""
     style.save_figure(plan_figure(scenario, trajectory, guess, title), path)
@@ -101,16 +99,8 @@ def _draw_obstacles(ax: Axes, polygons: list[shapely.Polygon]) -> None:
     for i, polygon in enumerate(polygons):
         rings = [np.asarray(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
         outline = Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
-        label = "obstacles" if i == 0 else None
-        ax.add_patch(
-            PathPatch(outline, facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE, lw=0.8, label=label, zorder=2)
-        )
-
-
-def _draw_bounds(ax: Axes, corners: np.ndarray) -> None:
-    (left, low), (width, height) = corners[0], corners[1] - corners[0]
-    dash_dot = (0, (6, 2, 1, 2))
-    ax.add_patch(Rectangle((left, low), width, height, fill=False, ec=style.LIMIT, ls=dash_dot, label="bounds"))
+        look = {"label": "obstacles"} if i == 0 else {}
+        ax.add_patch(PathPatch(outline, fc=style.OBSTACLE, ec=style.OBSTACLE_EDGE, lw=0.8, zorder=2, **look))
 
 
 def _draw_footprints(ax: Axes, vehicle: Vehicle, poses: np.ndarray) -> None:
@@ -123,19 +113,17 @@ def _draw_footprints(ax: Axes, vehicle: Vehicle, poses: np.ndarray) -> None:
     at = np.linspace(0.0, arc[-1], n)
     shown = vehicle.footprints(np.stack([np.interp(at, arc, column) for column in poses.T], axis=1))
     age = np.linspace(0.0, 1.0, n)
-    edges = np.column_stack([np.tile(to_rgb(style.SWEPT), (n, 1)), 0.55 + 0.40 * age])
-    faces = np.column_stack([np.tile(to_rgb(style.SWEPT), (n, 1)), 0.04 + 0.12 * age])
-    ax.add_collection(
-        PolyCollection(list(shown), edgecolors=edges, facecolors=faces, linewidths=0.7, label="footprints", zorder=3),
-        autolim=False,
-    )
+    colors = np.tile(to_rgb(style.SWEPT), (n, 1))
+    edges, faces = (np.column_stack([colors, a + b * age]) for a, b in ((0.55, 0.40), (0.04, 0.12)))
+    cars = PolyCollection(list(shown), ec=edges, fc=faces, linewidths=0.7, label="footprints", zorder=3)
+    ax.add_collection(cars, autolim=False)
 
 
 def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: str) -> None:
     """The car's outline, with an arrow from the rear axle to the front bumper as its heading."""
     outline = vehicle.footprints(pose)[0]
     ax.add_patch(Polygon(outline, facecolor=(*to_rgb(color), 0.18), edgecolor=color, lw=1.8, label=label, zorder=6))
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    cos, sin = np.cos(pose[State.THETA]), np.sin(pose[State.THETA])
     front, half = vehicle.wheelbase + 0.6 * vehicle.front_hang, 0.21 * vehicle.width
     arrow = np.array([[0.0, 0.0], [front, 0.0], [front - 2.2 * half, half], [front - 2.2 * half, -half], [front, 0.0]])
     x, y = np.array([[cos, -sin], [sin, cos]]) @ arrow.T + pose[:2, None]
@@ -145,11 +133,9 @@ def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: s
 
 
 def _frame(ax: Axes, box: np.ndarray, origin: np.ndarray) -> None:
-    low, high = box
-    margin = MARGIN * float((high - low).max())
-    ax.set_xlim(low[0] - margin, high[0] + margin)
-    ax.set_ylim(low[1] - margin, high[1] + margin)
-    ax.set_aspect("equal")
+    border = BORDER * float((box[1] - box[0]).max())
+    (left, low), (right, high) = box[0] - border, box[1] + border
+    ax.set(xlim=(left, right), ylim=(low, high), aspect="equal")
     ax.set_xlabel(_axis_label("x", origin[0]), fontsize=style.LABEL_SIZE)
     ax.set_ylabel(_axis_label("y", origin[1]), fontsize=style.LABEL_SIZE)
 

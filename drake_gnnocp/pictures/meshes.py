@@ -22,28 +22,21 @@ def prism(polygon: shapely.Polygon, low: float, high: float) -> Mesh:
         for p, q in zip(ring[:-1], ring[1:], strict=True):
             (p0, q0), (p1, q1) = _at(np.array([p, q]), low), _at(np.array([p, q]), high)
             triangles += [np.array([p0, q0, q1]), np.array([p0, q1, p1])]
-    return _soup(triangles)
+    vertices = np.concatenate(triangles).T  # every triangle has its own: shared ones would be shaded as if round
+    return vertices, np.arange(vertices.shape[1]).reshape(-1, 3).T
 
 
 def frustum(bottom: tuple[float, float, float], top: tuple[float, float, float], low: float, high: float) -> Mesh:
     """A truncated pyramid symmetric to y = 0, from z = low to high; bottom and top: (rear, front, half width) [m]."""
-    floor = _at(_rectangle(*bottom), low)
-    roof = _at(_rectangle(*top), high)
-    triangles = [roof[[0, 1, 2]], roof[[0, 2, 3]], floor[[0, 2, 1]], floor[[0, 3, 2]]]
-    for i in range(4):
-        j = (i + 1) % 4
-        triangles += [np.array([floor[i], floor[j], roof[j]]), np.array([floor[i], roof[j], roof[i]])]
-    return _soup(triangles)
+    (along, across, up), faces = prism(shapely.box(0.0, -1.0, 1.0, 1.0), 0.0, 1.0)
+    rear, front, half = (low_end + up * (high_end - low_end) for low_end, high_end in zip(bottom, top, strict=True))
+    return np.stack([rear + along * (front - rear), across * half, low + up * (high - low)]), faces
 
 
 def upright(mesh: Mesh, half_width: float) -> Mesh:
     """Turn a prism over a side view (x, z), extruded from 0 to 1, into a body from y = -half_width to half_width."""
-    (x, z, depth), faces = mesh
-    return np.stack([x, half_width * (1 - 2 * depth), z]), faces
-
-
-def _rectangle(rear: float, front: float, half: float) -> np.ndarray:
-    return np.array([[rear, -half], [front, -half], [front, half], [rear, half]])
+    (x, z, share), faces = mesh
+    return np.stack([x, half_width * (1 - 2 * share), z]), faces
 
 
 def _counter_clockwise(triangle: shapely.Polygon) -> np.ndarray:
@@ -53,9 +46,3 @@ def _counter_clockwise(triangle: shapely.Polygon) -> np.ndarray:
 
 def _at(points: np.ndarray, z: float) -> np.ndarray:
     return np.column_stack([points, np.full(len(points), z)])
-
-
-def _soup(triangles: list[np.ndarray]) -> Mesh:
-    """Every triangle keeps its own vertices: shared ones would be shaded as if the edges were round."""
-    vertices = np.concatenate(triangles).T
-    return vertices, np.arange(vertices.shape[1]).reshape(-1, 3).T

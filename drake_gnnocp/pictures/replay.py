@@ -21,7 +21,7 @@ from pydrake.math import RigidTransform
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import extent, polygons_near, relative
+from drake_gnnocp.pictures.scene import extent, relative_bounds, relative_polygons, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -84,12 +84,12 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
     with _meshcat() as meshcat:
         _add_ground(meshcat, half_size)
         _add_obstacles(meshcat, scenario, origin)
-        _add_outline(meshcat, "start", scenario.vehicle, relative(scenario.start, origin), START)
-        _add_outline(meshcat, "goal", scenario.vehicle, relative(scenario.goal, origin), GOAL)
+        for name, pose, color in (("start", scenario.start, START), ("goal", scenario.goal, GOAL)):
+            _add_outline(meshcat, name, scenario.vehicle, relative_poses(pose, origin), color)
         add_car(meshcat, scenario.vehicle)
-        place_car(meshcat, relative(scenario.start, origin))
+        place_car(meshcat, relative_poses(scenario.start, origin))
         if trajectory is not None:
-            _add_drive(meshcat, scenario.vehicle, trajectory.translated(-origin[0], -origin[1]))
+            _add_motion(meshcat, scenario.vehicle, trajectory.translated(-origin[0], -origin[1]))
         _set_lights(meshcat, half_size)
         _set_camera(meshcat, half_size)
         html = meshcat.StaticHtml()
@@ -140,14 +140,13 @@ def _add_ground(meshcat: Meshcat, half_size: np.ndarray) -> None:
 
 def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> None:
     """The obstacles as walls with a dark upper edge, and the bounds as a kerb just outside of them."""
-    for j, polygon in enumerate(polygons_near(scenario, origin)):
+    for j, polygon in enumerate(relative_polygons(scenario, origin)):
         _paint(meshcat, f"obstacles/{j}/body", polygon, WALL_HEIGHT, WALL)
         for k, ring in enumerate((polygon.exterior, *polygon.interiors)):
             edge = np.column_stack([np.asarray(ring.coords), np.full(len(ring.coords), WALL_HEIGHT + 0.01)])
             meshcat.SetLine(f"obstacles/{j}/edge{k}", edge.T, 1.0, WALL_EDGE)
-    if scenario.bounds is not None:
-        (west, south), (east, north) = np.array(scenario.bounds).reshape(2, 2).T - origin
-        inside = shapely.box(west, south, east, north)
+    if (bounds := relative_bounds(scenario, origin)) is not None:
+        inside = shapely.box(*bounds.ravel())
         _paint(meshcat, "bounds", inside.buffer(KERB, join_style="mitre") - inside, KERB, WALL_EDGE)
 
 
@@ -161,7 +160,7 @@ def _add_outline(meshcat: Meshcat, name: str, vehicle: Vehicle, pose: np.ndarray
     _paint(meshcat, name, shapely.union(frame, arrow), OUTLINE_HEIGHT, color)
 
 
-def _add_drive(meshcat: Meshcat, vehicle: Vehicle, trajectory: Trajectory) -> None:
+def _add_motion(meshcat: Meshcat, vehicle: Vehicle, trajectory: Trajectory) -> None:
     """The driven path, and the animation: linear between the knots, as many frames as keep real time."""
     line = shapely.LineString(trajectory.poses[:, :2])
     _paint(meshcat, "path", line.buffer(STROKE / 2, quad_segs=2), PATH_HEIGHT, PATH)

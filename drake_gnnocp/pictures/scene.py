@@ -24,13 +24,18 @@ def readable_origin(scenario: Scenario) -> np.ndarray:
     return np.round(start) if np.abs(start).max() > FAR_AWAY else np.zeros(2)
 
 
-def polygons_near(scenario: Scenario, origin: np.ndarray) -> list[shapely.Polygon]:
+def relative_polygons(scenario: Scenario, origin: np.ndarray) -> list[shapely.Polygon]:
     """The exact obstacles relative to an origin (2,) [m]."""
     # not scenario.translated(): rounding may push a car that touches the bounds out of them, which is refused
     return [polygon for ring in scenario.obstacles for polygon in polygons_of(ring - origin)]
 
 
-def relative(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def relative_bounds(scenario: Scenario, origin: np.ndarray) -> np.ndarray | None:
+    """Lower left and upper right corner (2, 2) of the bounds relative to an origin (2,) [m], None without bounds."""
+    return None if scenario.bounds is None else np.array(scenario.bounds).reshape(2, 2).T - origin
+
+
+def relative_poses(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Poses (N, 3) or one (3,) relative to an origin (2,) [m, m, rad]."""
     return poses - np.append(origin, 0.0)
 
@@ -43,17 +48,17 @@ def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin
     Returns:
         (2, 2) lower left and upper right corner relative to the origin [m].
     """
-    ends = scenario.vehicle.footprints(relative(np.stack([scenario.start, scenario.goal]), origin))
+    ends = scenario.vehicle.footprints(relative_poses(np.stack([scenario.start, scenario.goal]), origin))
     points = [ends.reshape(-1, 2), *(ring - origin for ring in scenario.obstacles)]
-    if scenario.bounds is not None:
-        points.append(np.array(scenario.bounds).reshape(2, 2).T - origin)
+    if (bounds := relative_bounds(scenario, origin)) is not None:
+        points.append(bounds)
     fixed = np.concatenate(points)
     low, high = fixed.min(axis=0), fixed.max(axis=0)
     size = high - low
     shown = [fixed]
     for trajectory in trajectories:
         if trajectory is not None:
-            swept = scenario.vehicle.footprints(relative(trajectory.poses, origin)).reshape(-1, 2)
+            swept = scenario.vehicle.footprints(relative_poses(trajectory.poses, origin)).reshape(-1, 2)
             shown.append(np.clip(swept[np.isfinite(swept).all(axis=1)], low - size, high + size))
     drawn = np.concatenate(shown)
     return np.stack([drawn.min(axis=0), drawn.max(axis=0)])

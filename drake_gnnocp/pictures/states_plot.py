@@ -14,7 +14,7 @@ from drake_gnnocp.pictures import style
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
 
-ROWS: tuple[tuple[State | Input, str, str | None], ...] = (  # what, its label, the vehicle's limit of its size
+PANELS: tuple[tuple[State | Input, str, str | None], ...] = (  # what, its label, the vehicle's limit of its size
     (State.V, "speed\nv [m/s]", "v_max"),
     (State.PHI, "steering\nφ [rad]", "phi_max"),
     (Input.A, "acceleration\na [m/s²]", "a_max"),
@@ -23,6 +23,8 @@ ROWS: tuple[tuple[State | Input, str, str | None], ...] = (  # what, its label, 
 )
 HEADROOM = 0.15  # of the limit, how much of the forbidden side is shown
 FIGURE_SIZE = (7.2, 8.6)  # inch
+PLAN_LINE: dict[str, Any] = {"color": style.PLAN, "linewidth": 1.6, "label": "optimised", "zorder": 3.0}
+GUESS_LINE: dict[str, Any] = style.GUESS_LINE | {"label": "initial guess", "zorder": 2.5}
 
 
 def draw_states(
@@ -41,13 +43,13 @@ def draw_states(
     Returns:
         axes
     """
-    shown = [(t, look) for t, look in ((guess, _GUESS), (trajectory, _PLAN)) if t is not None]
-    for ax, (which, label, limit) in zip(axes, ROWS, strict=True):
+    shown = [(curve, look) for curve, look in ((guess, GUESS_LINE), (trajectory, PLAN_LINE)) if curve is not None]
+    for ax, (quantity, label, limit) in zip(axes, PANELS, strict=True):
         style.dress(ax)
         for curve, look in shown:
-            ax.plot(curve.t, curve.column(which), **look)
+            ax.plot(curve.t, curve.column(quantity), **look)
         if limit is not None:
-            _draw_limits(ax, getattr(vehicle, limit), [curve.column(which) for curve, _ in shown])
+            _draw_limits(ax, getattr(vehicle, limit), [curve.column(quantity) for curve, _ in shown])
         ax.set_ylabel(label, fontsize=style.LABEL_SIZE)
         ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]", fontsize=style.LABEL_SIZE)
@@ -56,14 +58,11 @@ def draw_states(
 
 
 def states_figure(
-    trajectory: Trajectory | None,
-    vehicle: Vehicle,
-    guess: Trajectory | None = None,
-    title: str | None = None,
+    trajectory: Trajectory | None, vehicle: Vehicle, guess: Trajectory | None = None, title: str | None = None
 ) -> Figure:
     """The states of a plan over time as a figure of its own, for a notebook or a file."""
     figure = style.new_figure(*FIGURE_SIZE)
-    axes = list(figure.subplots(len(ROWS), 1, sharex=True, gridspec_kw={"hspace": 0.1}))
+    axes = list(figure.subplots(len(PANELS), 1, sharex=True, gridspec_kw={"hspace": 0.1}))
     draw_states(axes, trajectory, vehicle, guess)
     figure.align_ylabels(axes)
     if title:
@@ -72,24 +71,10 @@ def states_figure(
 
 
 def save_states_picture(
-    path: Path | str,
-    trajectory: Trajectory | None,
-    vehicle: Vehicle,
-    guess: Trajectory | None,
-    title: str | None,
+    path: Path | str, trajectory: Trajectory | None, vehicle: Vehicle, guess: Trajectory | None, title: str | None
 ) -> None:
     """Write the states of a plan over time as a picture (PNG, or what the suffix says)."""
     style.save_figure(states_figure(trajectory, vehicle, guess, title), path)
-
-
-_PLAN: dict[str, Any] = {"color": style.PLAN, "linewidth": 1.6, "label": "optimised", "zorder": 3.0}
-_GUESS: dict[str, Any] = {
-    "color": style.GUESS,
-    "linewidth": 1.1,
-    "linestyle": "--",
-    "label": "initial guess",
-    "zorder": 2.5,
-}
 
 
 def _draw_limits(ax: Axes, limit: float, curves: list[np.ndarray]) -> None:

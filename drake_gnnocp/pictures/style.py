@@ -7,12 +7,15 @@ global state.
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 # Okabe and Ito's colours by their role
 PLAN = "#0072B2"  # blue
@@ -24,9 +27,11 @@ LIMIT = "#000000"
 OBSTACLE = "#9A9A9A"
 OBSTACLE_EDGE = "#4D4D4D"
 FRAME = "#666666"
+GUESS_LINE: dict[str, Any] = {"color": GUESS, "linewidth": 1.1, "linestyle": "--"}  # of curves
 
 TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 11.0, 9.5, 8.5  # points
 DPI = 160  # a 7 inch picture is 1120 pixels wide
+COLOURS = 64  # of the palette of small pictures: line drawings need no more
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -51,10 +56,25 @@ def save_figure(figure: Figure, path: Path | str) -> None:
     path = Path(path)
     temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
     try:
-        kind = path.suffix[1:] or "png"
-        metadata = {"CreationDate": None} if kind == "pdf" else None  # the same picture is the same file
-        with rc_context({"pdf.fonttype": 42}):  # TrueType: publishers refuse the default
-            figure.savefig(temporary, format=kind, dpi=DPI, bbox_inches="tight", pad_inches=0.08, metadata=metadata)
+        write_figure(figure, temporary, path.suffix[1:] or "png")
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_figure(figure: Figure, target: Path | BinaryIO, kind: str) -> None:
+    """Write a figure as `kind` ("png", "pdf", ...) into a file; the same figure gives the same bytes."""
+    metadata = {"CreationDate": None} if kind == "pdf" else None
+    with rc_context({"pdf.fonttype": 42}):  # TrueType: publishers refuse the default
+        figure.savefig(target, format=kind, dpi=DPI, bbox_inches="tight", pad_inches=0.08, metadata=metadata)
+
+
+def small_picture(picture: Path | BinaryIO, width: int) -> bytes:
+    """A picture as PNG of at most `width` pixels and COLOURS colours, small enough to stand in a notebook."""
+    with Image.open(picture) as opened:
+        opaque = opened.convert("RGB")
+    if opaque.width > width:
+        opaque = opaque.resize((width, round(opaque.height * width / opaque.width)), Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    opaque.quantize(COLOURS, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
+    return buffer.getvalue()

@@ -1,6 +1,9 @@
-"""Planning: `plan` joins guess, optimal control and verification; `python -m drake_gnnocp.plan` is its command line."""
+"""Planning: guess, optimal control and verification, joined by `plan`."""
 
-from drake_gnnocp.planner.planner import PlanOptions, plan
-from drake_gnnocp.planner.result import Attempt, Plan
+from drake_gnnocp.planner.attempt import Attempt
+from drake_gnnocp.planner.horizon import Fixed, FromGuess, Horizon, MinimumTime
+from drake_gnnocp.planner.options import PlanOptions
+from drake_gnnocp.planner.planner import plan
+from drake_gnnocp.planner.result import Plan
 
-__all__ = ["Attempt", "Plan", "PlanOptions", "plan"]
+__all__ = ["Attempt", "Fixed", "FromGuess", "Horizon", "MinimumTime", "Plan", "PlanOptions", "plan"]

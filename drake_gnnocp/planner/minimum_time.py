@@ -1,4 +1,7 @@
-"""The last steps to the quickest plan of its kind, where the horizon is free.
+"""The quickest plan of its kind, where the duration is minimised.
+
+A verified plan is solved again with the time step as a variable, as long as that makes it quicker: the rows follow the
+knots, which slide along the path.
 
 The solves that lead to a verified plan stop when the cost has settled to a thousandth over two iterations, and keep
 0.1 m from obstacles where the guess does. Both are right for plans that are to be had soon, and both hold back one that
@@ -11,59 +14,77 @@ that makes of a plan is taken only where it is verified and as quick.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from drake_gnnocp.ocp.refine import Optimised, RefineOptions, optimise
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.ocp.costs import CostWeights
+from drake_gnnocp.ocp.formulation import formulate
+from drake_gnnocp.ocp.ipopt import IpoptSettings
+from drake_gnnocp.ocp.refine import RESERVE, Refined, refine
 from drake_gnnocp.scenario import Scenario
 
-QUICKER = 0.995  # of the duration: a plan that saves less is where the free horizon is solved out
+QUICKER = 0.995  # of the duration: a plan that saves less is where it is solved out
 AS_QUICK = 1.001  # of the duration: a later plan may take that much longer, for it is the smoother one
+MOST_QUICKER = 4  # solves that follow a verified plan
+CANDIDATES = 3  # plans that are polished, the quickest first
+OVERTAKING = 1.2  # of the quickest plan's duration: slower ones have not overtaken it
+POLISHING_SHARE = 0.5  # of the time that is left, for each of them at most
+HURRY = (10.0, 1.0)  # of the usual weight on time, in each solve of the polishing
+MARGIN = 0.02  # m, clearance asked of the triangle areas then
+PATIENT = IpoptSettings(objective_change=1e-5, settled_iterations=5, max_iterations=400)
 
 
-@dataclass(frozen=True)
-class PolishOptions:
-    """How verified plans are made quicker."""
+def quicker(scenario: Scenario, plan: Refined, weights: CostWeights, margin: float, budget: Budget) -> Refined:
+    """Solve a verified plan with the time step as a variable, again while that makes it quicker.
 
-    candidates: int = 3  # plans, the quickest first
-    reach: float = 1.2  # of the quickest plan's duration: slower ones have not overtaken it
-    share: float = 0.5  # of the time that is left, for each of them at most
-    hurry: tuple[float, ...] = (10.0, 1.0)  # of the usual weight on time, in each solve
-    margin: float = 0.02  # m, clearance asked of the triangle areas
-    objective_change: float = 1e-5  # relative, see `IpoptOptions`
-    settled_iterations: int = 5
-    max_iterations: int = 400
+    Args:
+        scenario: the task, near the origin.
+        plan: verified or not; one that is not is left as it is.
+        weights: of the cost.
+        margin: clearance asked of obstacles at the knots [m].
+        budget: to stop at.
+    """
+    for _ in range(MOST_QUICKER):
+        trajectory = plan.trajectory
+        if trajectory is None or not plan.verified or budget.without(RESERVE).is_over:
+            break
+        again = refine(scenario, formulate(scenario, trajectory, weights, margin, minimum_time=True), budget)
+        is_quicker = again.trajectory is not None and again.trajectory.duration < QUICKER * trajectory.duration
+        is_taken = is_quicker and again.verified
+        plan = _joined(plan, again, is_taken)
+        if not is_taken:
+            break
+    return plan
 
 
-def polished(
-    scenario: Scenario, plan: Optimised, free: RefineOptions, deadline: float, options: PolishOptions
-) -> Optimised:
-    """The plan, or a quicker one that is verified; the rounds that were tried are added to its own.
+def polished(scenario: Scenario, plan: Refined, weights: CostWeights, margin: float, budget: Budget) -> Refined:
+    """A verified plan, or a quicker one that is verified; the solves that were tried are added to its own.
 
     Args:
         scenario: the task, near the origin.
         plan: verified.
-        free: refinement with a free horizon.
-        deadline: instant of `time.monotonic()` [s].
-        options: see `PolishOptions`.
+        weights: of the cost.
+        margin: clearance asked of obstacles at the knots [m].
+        budget: to stop at.
     """
-    for hurry in options.hurry:
-        if time.monotonic() >= deadline - free.reserve:
+    for hurry in HURRY:
+        trajectory = plan.trajectory
+        if trajectory is None or budget.without(RESERVE).is_over:
             break
-        again = optimise(scenario, plan.trajectory, _patient(free, hurry, options), deadline)
-        is_as_quick = again.trajectory.duration <= AS_QUICK * plan.trajectory.duration
-        kept = again if again.verification.verified and is_as_quick else plan
-        plan = replace(kept, rounds=plan.rounds + again.rounds)
+        hurried = replace(weights, time=hurry * weights.time)
+        formulation = formulate(scenario, trajectory, hurried, min(MARGIN, margin), minimum_time=True)
+        again = refine(scenario, formulation, budget, settings=PATIENT)
+        is_as_quick = again.trajectory is not None and again.trajectory.duration <= AS_QUICK * trajectory.duration
+        plan = _joined(plan, again, is_as_quick and again.verified)
     return plan
 
 
-def worth_polishing(durations: Sequence[float], options: PolishOptions) -> list[int]:
+def worth_polishing(durations: Sequence[float]) -> list[int]:
     """Which plans to go on with, the quickest first; of plans that take equally long, which are mostly one, the first.
 
     Args:
         durations: of the plans [s].
-        options: see `PolishOptions`.
 
     Returns:
         Indices into durations.
@@ -72,16 +93,12 @@ def worth_polishing(durations: Sequence[float], options: PolishOptions) -> list[
     for i in sorted(range(len(durations)), key=lambda i: durations[i]):
         if not chosen or QUICKER * durations[i] > durations[chosen[-1]]:
             chosen.append(i)
-    return [i for i in chosen if durations[i] <= options.reach * durations[chosen[0]]][: options.candidates]
+    return [i for i in chosen if durations[i] <= OVERTAKING * durations[chosen[0]]][:CANDIDATES]
 
 
-def _patient(free: RefineOptions, hurry: float, options: PolishOptions) -> RefineOptions:
-    weights = replace(free.problem.weights, time=hurry * free.problem.weights.time)
-    problem = replace(free.problem, weights=weights, margin=min(options.margin, free.problem.margin))
-    ipopt = replace(
-        free.ipopt,
-        objective_change=options.objective_change,
-        settled_iterations=options.settled_iterations,
-        max_iterations=options.max_iterations,
-    )
-    return replace(free, problem=problem, ipopt=ipopt)
+def _joined(plan: Refined, again: Refined, is_taken: bool) -> Refined:
+    """All solves of both, and the best of the second where that is taken, else that of the first."""
+    solves = plan.solves + again.solves
+    if is_taken and again.best is not None:
+        return Refined(solves, len(plan.solves) + again.best, again.reason)
+    return replace(plan, solves=solves)

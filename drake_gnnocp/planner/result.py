@@ -8,30 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from drake_gnnocp.files import write_atomically
-from drake_gnnocp.ocp.cost import Cost
+from drake_gnnocp.ocp.costs import Cost
+from drake_gnnocp.ocp.ipopt import OUT_OF_TIME
+from drake_gnnocp.planner.attempt import Attempt
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import Verification
-
-OUT_OF_TIME = "Wall time exceeded"  # what Ipopt says
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One guess and what became of it."""
-
-    guess: str  # source of the guess
-    guess_seconds: float  # s
-    build_seconds: float  # s, all rounds
-    solve_seconds: float  # s, all rounds
-    convex_steps: int  # before the first round
-    iterations: int  # of Ipopt, all rounds
-    first_iterations: int  # the same, first round
-    refinements: int  # rounds after the first solve
-    solver_status: str  # Ipopt's last word, "" where there was no solve
-    cost: float | None  # J, None where there was no solve
-    verified: bool  # a guess that was never optimised is not, whatever it is like
-    reason: str  # why it was given up; empty when verified
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,40 +21,79 @@ class Plan:
     """A planned trajectory with its verification; `status` says whether it may be driven."""
 
     scenario: Scenario
-    status: str  # "verified" | "unverified" (optimised, but the check found faults) | "failed" (nothing was solved)
-    guess_source: str
-    trajectory: Trajectory | None  # None where nothing was solved, as are verification and cost
-    guess: Trajectory | None  # what the solver started from in the attempt that is reported
-    verification: Verification | None
-    cost: Cost | None
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[Attempt, ...]  # what was tried, in order
+    reported: int  # index of the attempt that the plan is of
     total_seconds: float  # s
+
+    @property
+    def attempt(self) -> Attempt:
+        """The attempt that is reported."""
+        return self.attempts[self.reported]
+
+    @property
+    def status(self) -> str:
+        """What came out: "verified", "unverified" (the check found faults) or "failed" (nothing was solved)."""
+        if self.attempt.trajectory is None:
+            return "failed"
+        return "verified" if self.attempt.verified else "unverified"
 
     @property
     def verified(self) -> bool:
         """Whether the independent check passed."""
-        return self.status == "verified"
+        return self.attempt.verified
+
+    @property
+    def guess_source(self) -> str:
+        """Name of the source of the guess."""
+        return self.attempt.source
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The planned trajectory; None where nothing was solved, as are verification and cost."""
+        return self.attempt.trajectory
+
+    @property
+    def guess(self) -> Trajectory | None:
+        """What the solver started from."""
+        return self.attempt.start
+
+    @property
+    def verification(self) -> Verification | None:
+        """What the independent check found."""
+        return self.attempt.verification
+
+    @property
+    def cost(self) -> Cost | None:
+        """What the trajectory costs."""
+        return self.attempt.cost
 
     @property
     def cut_short(self) -> bool:
         """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
-        if not self.verified or self.cost is None:
-            return False
-        reported = [attempt for attempt in self.attempts if attempt.verified and attempt.cost == self.cost.J]
-        return any(attempt.solver_status == OUT_OF_TIME for attempt in reported)
+        return self.verified and self.attempt.solver_status == OUT_OF_TIME
 
     @property
     def summary(self) -> str:
         """What came out in one line, and one more for every attempt that was given up."""
+        iterations = sum(attempt.iterations for attempt in self.attempts)
         line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
-        line += f", {sum(each.iterations for each in self.attempts)} iterations, {len(self.attempts)} attempts)"
+        line += f", {iterations} iterations, {len(self.attempts)} attempts)"
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
             clearance = self.verification.min_clearance_m
             line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, clearance {clearance:.2f} m"
         if self.cut_short:
             line += "; stopped by the budget: not yet at its optimum"
-        reasons = [f"  {each.guess}: {each.reason}" for each in self.attempts if each.reason]
+        reasons = [f"  {attempt.source}: {attempt.reason}" for attempt in self.attempts if attempt.reason]
         return "\n".join([line, *reasons])
+
+    def __repr__(self) -> str:
+        return f"<Plan {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        """A picture and a short table, for notebooks."""
+        from drake_gnnocp.pictures import plan_html  # matplotlib is not for everyone
+
+        return plan_html(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
@@ -83,7 +104,7 @@ class Plan:
             "total_seconds": self.total_seconds,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
             "cost": None if self.cost is None else asdict(self.cost),
-            "attempts": [asdict(attempt) for attempt in self.attempts],
+            "attempts": [attempt.to_dict() for attempt in self.attempts],
             "verification": None if self.verification is None else self.verification.to_dict(),
         }
 

@@ -1,162 +1,184 @@
-"""What the planner tries, in order: where each guess comes from, and how it is given to the optimiser."""
+"""What the planner tries, in order, until a plan is verified and no better one is looked for."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
 
-from drake_gnnocp.guesses.sources import (
-    Guess,
-    GuessOptions,
-    gnn_guesses,
-    has_network,
-    hybrid_astar_guess,
-    rrt_star_guess,
-    straight_guess,
-)
-from drake_gnnocp.ocp.convex_step import ConvexSteps
-from drake_gnnocp.ocp.refine import RefineOptions
-from drake_gnnocp.planner.hypotheses import settled_hypotheses
-from drake_gnnocp.planner.many_shifts import FineOptions
-from drake_gnnocp.planner.minimum_time import PolishOptions
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridAStar, NoGuess, Straight
+from drake_gnnocp.ocp.formulation import formulate
+from drake_gnnocp.ocp.refine import RESERVE
+from drake_gnnocp.ocp.sqp import LEARNED, SqpSteps, sqp_steps
+from drake_gnnocp.planner import many_shifts
+from drake_gnnocp.planner.attempt import Attempt, attempt
+from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime
+from drake_gnnocp.planner.options import SOURCES, PlanOptions
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
 from drake_gnnocp.search.moves import Costs
-from drake_gnnocp.search.path import n_sections
 
-Horizon = float | str  # seconds, "guess" or "free"
-SEARCH_SHARE = 0.7  # of the budget, at most, for Hybrid A* or RRT*
-CHOOSING = 2.0  # s, for choosing a hypothesis before any time is kept for Hybrid A*: half of what is left, at most
+logger = logging.getLogger(__name__)
+
+LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
+SEARCH_SHARE = 0.7  # of the time, at most, for a search
+CHOOSING_SHARE, CHOOSING_SECONDS = 0.1, 2.0  # of the time, and s (but half of it at most), for choosing a hypothesis
+HYPOTHESIS_SHARE, FIRST_SHARE, OTHER_SHARE, CLOSE_SHARE = 0.1, 0.4, 0.5, 0.6  # of the time that is left, for a solve
+LONGER = 1.6  # slack of the last attempt from a path
+NEARLY = 0.05  # m, violation of a hypothesis that Ipopt may still make a plan of, where no other's steps converged
+NONE_CONVERGED = "SQP steps converged from no hypothesis"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
 QUICK = Costs(reverse=0.0, steering=0.0, gear_change=5.0, steering_change=0.2)
 
 
-def other_searches() -> tuple[HybridAStarOptions, ...]:
-    """Searches by time with finer moves from the beginning: other paths to optimise where the horizon is free."""
-    return tuple(HybridAStarOptions(costs=QUICK, schedule=SCHEDULE[first:]) for first in (1, 2))
+@dataclass
+class Schedule:
+    """One task with the attempts so far."""
+
+    scenario: Scenario  # near the origin
+    horizon: Horizon
+    budget: Budget
+    options: PlanOptions
+    attempts: list[Attempt] = field(default_factory=list)
+
+    def automatic(self) -> None:
+        """The network's best hypothesis, then Hybrid A*."""
+        network = SOURCES["gnn"](self.options)
+        try:
+            network.check_available()
+        except GuessUnavailable as error:
+            logger.warning("%s; going on with Hybrid A*", error)
+        else:
+            self._try_best_of(network)
+        if self._may_go_on:
+            self.try_source(SOURCES["hybrid_astar"](self.options))
+
+    def try_source(self, source: GuessSource) -> None:
+        """The guesses of one source, by the way in which it makes them."""
+        if source.proposes_many:
+            self._try_hypotheses(source)
+            return
+        for guess in source.guesses(self.scenario, self.budget.share(SEARCH_SHARE)):
+            self._try_path(source, guess)
+            if not self._may_go_on or self.attempts[-1].is_refused:
+                break
+
+    @property
+    def _is_verified(self) -> bool:
+        return any(made.verified for made in self.attempts)
+
+    @property
+    def _may_go_on(self) -> bool:
+        """Whether there is a reason for another attempt, and time and leave for it."""
+        if self._is_verified and not isinstance(self.horizon, MinimumTime):
+            return False
+        if self.options.most_attempts is not None and len(self.attempts) >= self.options.most_attempts:
+            return False
+        return not self.attempts or not self.budget.without(RESERVE).is_over
+
+    def _try(
+        self,
+        guess: Guess | NoGuess,
+        share: float = 1.0,
+        steps: SqpSteps | None = None,
+        slack: float | None = None,
+        closely: bool | None = None,
+    ) -> Attempt:
+        budget = self.budget.share(share, at_least=LEAST_SECONDS)
+        made = attempt(self.scenario, guess, self.horizon, budget, self.options, steps, slack, closely)
+        logger.info("%s: %s", made.source, made.reason or "verified")
+        self.attempts.append(made)
+        return made
+
+    def _try_path(self, source: GuessSource, guess: Guess | NoGuess) -> None:
+        """A searched path, and where time is minimised other ones; where that fails, the path in other ways."""
+        if isinstance(guess, NoGuess) or guess.path is None:
+            self._try(guess)
+            if isinstance(guess, NoGuess) and isinstance(source, HybridAStar) and self._may_go_on:
+                straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
+                self._try(next(straight.guesses(self.scenario, self.budget)), OTHER_SHARE)
+            return
+        # a search finds no shorter path for the next attempt than the one before
+        if self._try(guess, FIRST_SHARE).is_refused:
+            return
+        if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
+            self._try_other_searches()
+        if self._may_go_on and not self._is_verified and not many_shifts.has_many(guess):
+            self._try(replace(guess, seconds=0.0), CLOSE_SHARE, closely=True)
+        if self._may_go_on and not self._is_verified and not isinstance(self.horizon, Fixed):
+            self._try(replace(guess, seconds=0.0), slack=LONGER)
+
+    def _try_other_searches(self) -> None:
+        """Searches by time with finer moves from the beginning: other paths to optimise."""
+        for first in (1, 2):
+            if not self._may_go_on:
+                return
+            search = HybridAStar(self.options.knots, HybridAStarOptions(costs=QUICK), first)
+            found = next(search.guesses(self.scenario, self.budget.share(SEARCH_SHARE)))
+            if isinstance(found, Guess):
+                self._try(found, OTHER_SHARE)
+
+    def _try_best_of(self, source: GuessSource) -> None:
+        """The best hypothesis: there is a surer second attempt than another one."""
+        if isinstance(self.horizon, Fixed):  # SQP steps were not made for a duration that is not the hypothesis's
+            self._try(next(source.guesses(self.scenario, self.budget)), HYPOTHESIS_SHARE)
+            return
+        left = self.budget.left
+        choosing = self.budget.at_most(max(CHOOSING_SHARE * left, min(CHOOSING_SECONDS, left / 2)))
+        begin = time.monotonic()
+        for guess, steps in screened(self.scenario, source, choosing, self.options):
+            self._try(guess, HYPOTHESIS_SHARE, steps)
+            return
+        self._try(NoGuess(source.name, NONE_CONVERGED, time.monotonic() - begin))
+
+    def _try_hypotheses(self, source: GuessSource) -> None:
+        """All hypotheses that are worth a solve; where there is none, the first one as it is."""
+        if isinstance(self.horizon, Fixed):
+            self._try(next(source.guesses(self.scenario, self.budget)))
+            return
+        for guess, steps in screened(self.scenario, source, self.budget, self.options):
+            self._try(guess, HYPOTHESIS_SHARE, steps)
+            if not self._may_go_on:
+                return
+        if self._may_go_on:
+            self._try(next(source.guesses(self.scenario, self.budget)), HYPOTHESIS_SHARE)
 
 
-@dataclass(frozen=True)
-class PlanOptions:
-    """How to plan."""
+def screened(
+    scenario: Scenario, source: GuessSource, budget: Budget, options: PlanOptions
+) -> Iterator[tuple[Guess, SqpSteps]]:
+    """The hypotheses that SQP steps converge from, in the order given, each looked for when it is asked for.
 
-    guess: GuessOptions = field(default_factory=GuessOptions)
-    refine: RefineOptions = field(default_factory=RefineOptions)
-    slack: float = 1.1  # duration given to the optimiser over the guess's, with the horizon "guess"
-    retry_slack: float = 1.6  # the same where the first attempts gave no verified plan
-    fine: FineOptions = field(default_factory=FineOptions)
-    hypotheses: int = 12  # of the network, the best by its ranking: those whose convex steps settle are solved
-    learned_share: float = 0.1  # of the time, for the solve of each; with "auto" for choosing among them as well
-    other_searches: tuple[HybridAStarOptions, ...] = field(default_factory=other_searches)  # with the horizon "free"
-    most_attempts: int | None = None  # strategies that are tried; None: all there are
-    polish: PolishOptions = field(default_factory=PolishOptions)  # with the horizon "free"
-
-
-@dataclass(frozen=True)
-class Strategy:
-    """One way to try."""
-
-    source: str  # of the guess
-    guess: Guess
-    guess_seconds: float  # s, to make it; 0 where an earlier strategy had it made
-    slack: float  # duration given to the optimiser over the guess's
-    share: float = 1.0  # of the time that is left, to be used at most
-    fine: bool = False  # whether to plan finely, see `plan.fine`
-    timed: bool = False  # whether the guess has the timing of an optimum already
-    stepped: ConvexSteps | None = None  # what convex steps made of the guess, where they were taken to choose it
-    improves: bool = False  # whether to try it although there is a verified plan: it may be quicker
-
-
-def strategies(
-    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
-) -> Iterator[Strategy]:
-    """The strategies in turn, each with its guess made when its turn comes.
+    Where there is none, the one that comes nearest to keeping its distance, if it comes near. Hypotheses are cheap, and
+    SQP steps cost a tenth of a second. On validation maps, steps that had converged led to a verified plan practically
+    always and within a few iterations of Ipopt, and steps that had not mostly to none.
 
     Args:
         scenario: the task, near the origin.
-        guess: source of the first guess.
-        horizon: see `planner.plan`.
+        source: of hypotheses, the most promising first.
+        budget: when it is over, no hypothesis is looked at.
         options: see `PlanOptions`.
-        deadline: instant of `time.monotonic()` [s].
+
+    Yields:
+        The hypothesis, with the time spent since the last one, and where the steps led.
     """
-    if guess == "straight":
-        yield Strategy("straight", straight_guess(scenario, options.guess), 0.0, options.slack)
-        return
-    if guess == "gnn" or (guess == "auto" and has_network(options.guess)):
-        yield from _learned(scenario, guess, horizon, options, deadline)
-    if guess == "gnn":
-        return
-    if guess == "rrt_star":
-        first = _sampled(scenario, options, deadline)
-    else:
-        first = _searched(scenario, options, options.guess.search, deadline)
-    if first.guess.path is None:
-        yield first
-        if guess == "rrt_star":
-            return
-        straight = straight_guess(scenario, options.guess)  # seldom enough, but an attempt to look at
-        yield Strategy("straight", straight, 0.0, options.slack, share=0.5)
-        return
-    again = replace(first, guess_seconds=0.0)
-    yield replace(first, share=0.4, improves=horizon == "free")
-    for search in options.other_searches if horizon == "free" and guess != "rrt_star" else ():
-        found = _searched(scenario, options, search, deadline)
-        if found.guess.path is not None:
-            yield replace(found, share=0.5, improves=True)
-    if not first.fine:
-        yield replace(again, share=0.6, fine=True)
-    if isinstance(horizon, str):  # to a fixed one the slack makes no difference
-        yield replace(again, slack=options.retry_slack)
-
-
-def _learned(
-    scenario: Scenario, guess: str, horizon: Horizon, options: PlanOptions, deadline: float
-) -> Iterator[Strategy]:
-    """The network's hypotheses that are worth a solve; the first takes the time of making all.
-
-    With a duration that is not theirs it is the first: convex steps were not made for it.
-    """
-    begin = time.monotonic()
-    made = gnn_guesses(scenario, options.guess)
-    best = next(made)
-    improves = guess == "gnn" and horizon == "free"
-    first = Strategy("gnn", Guess(best), 0.0, 1.0, options.learned_share, timed=True, improves=improves)
-    if isinstance(horizon, str):
-        spent = time.monotonic() - begin
-        left = deadline - begin
-        kept = max(options.learned_share * left, min(CHOOSING, left / 2))
-        until = begin + kept if guess == "auto" else deadline
-        hypotheses = islice(chain([best], made), options.hypotheses)
-        for candidate in settled_hypotheses(scenario, hypotheses, options.refine, until):
-            seconds, spent = spent + candidate.seconds, 0.0
-            yield replace(first, guess=Guess(candidate.guess), guess_seconds=seconds, stepped=candidate.stepped)
-            if guess == "auto":  # Hybrid A* is the surer second attempt
-                return
+    begin, found = time.monotonic(), False
+    passed_over: list[tuple[Guess, SqpSteps]] = []
+    for guess in source.guesses(scenario, budget):
+        if budget.is_over or not options.sqp or isinstance(guess, NoGuess):
+            break
+        formulation = formulate(scenario, guess.trajectory, options.cost, options.margin)
+        steps = sqp_steps(formulation, LEARNED, budget)
+        if steps.converged:
+            found = True
+            yield replace(guess, seconds=time.monotonic() - begin - steps.seconds), steps
             begin = time.monotonic()
-        seconds = time.monotonic() - begin
-        if guess == "auto":
-            reason = "convex steps settled from no hypothesis"
-            yield replace(first, guess=Guess(None, reason), guess_seconds=seconds)
-            return
-        first = replace(first, guess_seconds=seconds)
-    else:
-        share = options.learned_share if guess == "auto" else 1.0
-        first = replace(first, guess_seconds=time.monotonic() - begin, share=share)
-    yield first
-
-
-def _sampled(scenario: Scenario, options: PlanOptions, deadline: float) -> Strategy:
-    begin = time.monotonic()
-    guess = rrt_star_guess(scenario, options.guess, begin + SEARCH_SHARE * (deadline - begin))
-    return Strategy("rrt_star", guess, time.monotonic() - begin, options.slack)
-
-
-def _searched(scenario: Scenario, options: PlanOptions, search: HybridAStarOptions, deadline: float) -> Strategy:
-    begin = time.monotonic()
-    until = begin + SEARCH_SHARE * (deadline - begin)
-    guess = hybrid_astar_guess(scenario, replace(options.guess, search=search), until)
-    fine = guess.path is not None and n_sections(guess.path) >= options.fine.sections
-    return Strategy("hybrid_astar", guess, time.monotonic() - begin, options.slack, fine=fine)
+        else:
+            passed_over.append((guess, steps))
+    nearly = [(guess, steps) for guess, steps in passed_over if steps.violation < NEARLY]
+    if nearly and not found:
+        guess, steps = min(nearly, key=lambda pair: pair[1].violation)
+        yield replace(guess, seconds=time.monotonic() - begin - steps.seconds), steps

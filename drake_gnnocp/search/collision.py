@@ -16,7 +16,7 @@ Between two tested poses no point of the car is further than m from where it was
 at most 2 m / `sweep` apart along the path: a point moves at most `sweep` times as far as the rear axle. With this
 spacing, free samples prove the motion between them free. A margin of a few centimetres would ask for very many poses,
 so they are never less than FINEST_SPACING apart: then nothing is proven, and a corner may clip an obstacle by
-centimetres between two poses. The later verification looks at the whole motion.
+centimetres between two poses. The verification of the plan looks at the whole motion later.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from drake_gnnocp.vehicle import Vehicle
 
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
-TOUCH = 1e-9  # m, rounding of the region test: a car that starts exactly on the bounds is inside
+BOUNDS_TOLERANCE = 1e-9  # m: a car that starts exactly on the bounds is inside, whatever the rounding
 COARSEST_SPACING = 0.2  # m, between tested poses
 FINEST_SPACING = 0.05  # m, however small the margin: a corner can clip by 4 cm between poses, never a wall be jumped
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Safety margin to obstacles: `usual`, but no more than `start` and `goal` within `reach` of these poses."""
+    """Safety margin to obstacles: `usual`, but no more than `start` and `goal` around these poses."""
 
     usual: float  # m
     start: float  # m
     goal: float  # m
-    reach: float  # m, distance of the rear axle's middle from that of the end pose
+    end_radius: float  # m, around the rear axle's middle at an end, within which that end's margin holds
 
     @classmethod
     def of(cls, scenario: Scenario, usual: float) -> Margins:
         """The usual margin [m] where the ends allow it, half the clearance of an end around it otherwise."""
         ends = [min(usual, 0.5 * clearance(scenario, pose)) for pose in (scenario.start, scenario.goal)]
-        return cls(usual, ends[0], ends[1], reach=1.5 * scenario.vehicle.length)
+        return cls(usual, ends[0], ends[1], end_radius=1.5 * scenario.vehicle.length)
 
 
 def clearance(scenario: Scenario, pose: np.ndarray) -> float:
@@ -134,18 +134,18 @@ class FootprintTest:
         xmin, xmax, ymin, ymax = self._region
         half_length, half_width = self._half
         abs_cos, abs_sin = np.abs(cos), np.abs(sin)
-        reach_x = abs_cos * half_length + abs_sin * half_width
-        reach_y = abs_sin * half_length + abs_cos * half_width
-        off_x = np.abs(x + cos * self._middle - 0.5 * (xmin + xmax)) + reach_x
-        off_y = np.abs(y + sin * self._middle - 0.5 * (ymin + ymax)) + reach_y
-        return (off_x > 0.5 * (xmax - xmin) + TOUCH) | (off_y > 0.5 * (ymax - ymin) + TOUCH)
+        half_x = abs_cos * half_length + abs_sin * half_width
+        half_y = abs_sin * half_length + abs_cos * half_width
+        off_x = np.abs(x + cos * self._middle - 0.5 * (xmin + xmax)) + half_x
+        off_y = np.abs(y + sin * self._middle - 0.5 * (ymin + ymax)) + half_y
+        return (off_x > 0.5 * (xmax - xmin) + BOUNDS_TOLERANCE) | (off_y > 0.5 * (ymax - ymin) + BOUNDS_TOLERANCE)
 
     def _margin_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         margin = np.full(len(x), self._margins.usual)
         for pose, least in zip(self._ends, (self._margins.start, self._margins.goal), strict=True):
             if least < self._margins.usual:
-                near = (x - pose[0]) ** 2 + (y - pose[1]) ** 2 < self._margins.reach**2
-                margin[near] = np.minimum(margin[near], least)
+                around = (x - pose[0]) ** 2 + (y - pose[1]) ** 2 < self._margins.end_radius**2
+                margin[around] = np.minimum(margin[around], least)
         return margin
 
     def _touches_part(
@@ -154,11 +154,11 @@ class FootprintTest:
         """The separating axis test of every pose against the parts whose box meets the car's box."""
         half_length, half_width = self._half[0] + margin, self._half[1] + margin
         cx, cy = x + cos * self._middle, y + sin * self._middle
-        reach_x = np.abs(cos) * half_length + np.abs(sin) * half_width
-        reach_y = np.abs(sin) * half_length + np.abs(cos) * half_width
-        near = ((cx + reach_x)[:, None] >= self._low[:, 0]) & ((cx - reach_x)[:, None] <= self._high[:, 0])
-        near &= ((cy + reach_y)[:, None] >= self._low[:, 1]) & ((cy - reach_y)[:, None] <= self._high[:, 1])
-        pose, part = np.nonzero(near)
+        half_x = np.abs(cos) * half_length + np.abs(sin) * half_width
+        half_y = np.abs(sin) * half_length + np.abs(cos) * half_width
+        boxes_meet = ((cx + half_x)[:, None] >= self._low[:, 0]) & ((cx - half_x)[:, None] <= self._high[:, 0])
+        boxes_meet &= ((cy + half_y)[:, None] >= self._low[:, 1]) & ((cy - half_y)[:, None] <= self._high[:, 1])
+        pose, part = np.nonzero(boxes_meet)
         cx, cy, cos, sin = cx[pose, None], cy[pose, None], cos[pose, None], sin[pose, None]
         half_length, half_width = half_length[pose], half_width[pose]
         vertices, normals = self._parts[part], self._normals[part]  # (P, V, 2)

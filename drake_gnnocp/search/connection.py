@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drake_gnnocp.search.collision import FootprintTest
-from drake_gnnocp.search.moves import Move, drive, moves_of
+from drake_gnnocp.search.moves import Move, length_of, poses_along
 from drake_gnnocp.search.reeds_shepp import all_paths
 
 
@@ -36,14 +36,13 @@ def connect(
         The cost and the moves of the cheapest free path among the candidates, None if there is none.
     """
     choices: list[tuple[float, int, list[Move]]] = []  # sorted; the counter keeps equal costs in the order they came
-    for path in all_paths(start, end, turning_radius):
+    for moves in all_paths(start, end, turning_radius):
         dearest = limit if len(choices) < candidates else choices[candidates - 1][0]
-        if path.length >= dearest:  # they come shortest first
+        if length_of(moves) >= dearest:  # they come shortest first
             break
-        moves = moves_of(path)
         cost = cost_of(moves)
         if cost < dearest:
             bisect.insort(choices, (cost, len(choices), moves))
     del choices[candidates:]
-    free = test.first_free([drive(start, moves, test.spacing).poses for _, _, moves in choices])
+    free = test.first_free([poses_along(start, moves, test.spacing).poses for _, _, moves in choices])
     return None if free is None else (choices[free][0], choices[free][2])

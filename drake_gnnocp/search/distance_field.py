@@ -79,14 +79,14 @@ class DistanceField:
         self.values[window][inside] = 0.0
 
     def _window(
-        self, low: np.ndarray, high: np.ndarray, reach: float
+        self, low: np.ndarray, high: np.ndarray, distance: float
     ) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
-        """The cells within reach of a box: slices, centres x (n, 1) and y (1, m) [m]."""
+        """The cells within a distance of a box: slices, centres x (n, 1) and y (1, m) [m]."""
         slices = []
         for axis, origin in enumerate((self.xmin, self.ymin)):
             last = self.values.shape[axis]
-            first = min(max(math.floor((low[axis] - reach - origin) / self.cell), 0), last)
-            past = min(max(math.ceil((high[axis] + reach - origin) / self.cell), 0), last)
+            first = min(max(math.floor((low[axis] - distance - origin) / self.cell), 0), last)
+            past = min(max(math.ceil((high[axis] + distance - origin) / self.cell), 0), last)
             slices.append(slice(first, past))
         x = self.xmin + (np.arange(slices[0].start, slices[0].stop) + 0.5) * self.cell
         y = self.ymin + (np.arange(slices[1].start, slices[1].stop) + 0.5) * self.cell

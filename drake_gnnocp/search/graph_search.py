@@ -1,13 +1,14 @@
 r"""One Hybrid A* search: from a root pose to a target pose at one resolution of the grid.
 
 Nodes are continuous poses; of those in one cell of (x, y, theta) only the cheapest is kept. A node's successors are
-the collision-free primitives, shortened where they would collide. The order is that of
+the collision-free motion primitives, shortened where they would collide. Nodes are expanded in the order of
 
-    f = g + weight * max(V(x, y), RS(pose), lattice(pose)),
+    f = g + weight * max(V(x, y), RS(pose), lattice(pose)).
 
-V the obstacle-aware cost-to-go of the rear axle's middle, RS the length of the shortest Reeds-Shepp path among no
-obstacles, and the lattice an optional third. V is known when a node is generated, the others only when it comes to the
-front of the queue, which then may take it back: most nodes never get there. From some nodes, the nearer the
+V and RS are Dolgov's two heuristics: V, holonomic with obstacles, is the way of a disc around the rear axle's middle,
+and RS, non-holonomic without obstacles, is the length of the shortest Reeds-Shepp path. The lattice is an optional
+third. V is computed when a node is generated, the others only when the node comes to the front of the queue, since
+most nodes never get there; where they raise its f, the node goes back into the queue. From some nodes, the nearer the
 target the more of them, Reeds-Shepp paths to the target are tried, the cheapest first. After the first success the
 search goes on for a while: the first path is rarely the best.
 
@@ -19,19 +20,19 @@ from __future__ import annotations
 
 import heapq
 import math
-import time
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 
 import numpy as np
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.search.collision import Box, FootprintTest
 from drake_gnnocp.search.connection import connect
-from drake_gnnocp.search.heuristic import CostToGo
+from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.lattice import Lattice
+from drake_gnnocp.search.motion_primitives import MotionPrimitives, placed
 from drake_gnnocp.search.moves import Costs, Move
-from drake_gnnocp.search.primitives import Primitives, placed
 from drake_gnnocp.search.reeds_shepp import path_length
 
 Pose = tuple[float, float, float]  # x, y, theta [m, m, rad]
@@ -39,10 +40,9 @@ Pose = tuple[float, float, float]  # x, y, theta [m, m, rad]
 CLOCK_EVERY = 4  # expansions between looks at the clock: less than 20 ms
 CANDIDATES = 6  # Reeds-Shepp paths tried from one node
 TRY_PER_METRE = 0.3  # expansions to wait until the next Reeds-Shepp trial, per metre of weighted heuristic
-POLISH_SHARE = 0.5  # after the first path, as many more expansions as this share of those before ...
-POLISH_LEAST = 40  # ... but at least these
-TIGHT_REACH = 2.5  # m, distance from a tight root up to which the cells are fine
-TIGHT_SPACING = 0.03  # m, largest distance between the poses at which a primitive may end there
+POLISHING = 40  # expansions after the first path
+TIGHT_RADIUS = 2.5  # m, around a tight root, within which the cells are fine
+TIGHT_SPACING = 0.03  # m, largest distance between the poses at which a motion primitive may end there
 
 
 class Outcome(Enum):
@@ -59,7 +59,7 @@ class Resolution:
 
     position: float  # m, side of a cell
     heading: float  # rad, heading cell
-    primitive_length: float  # m
+    primitive_length: float  # m, of the motion primitives
     steering_levels: int  # from full left to full right, odd so that straight is one of them
     weight: float  # of the heuristic; above 1 is greedy
     tight_position: float  # m, side of a cell around a tight root
@@ -73,8 +73,8 @@ class Query:
     root: np.ndarray  # (3,) pose to search from [m, m, rad]
     target: np.ndarray  # (3,) pose to reach [m, m, rad]
     driven_backwards: bool  # the path will be driven from target to root: its forward moves cost what reversing costs
-    cost_to_go: CostToGo  # distances to the target
-    lattice: Lattice | None  # lengths to the target by the better heuristic, if it has been computed
+    holonomic: HolonomicHeuristic  # to the target, with obstacles
+    lattice: Lattice | None  # to the target: better than the other two and slow, where it has been computed
 
 
 class GraphSearch:
@@ -86,7 +86,7 @@ class GraphSearch:
         region: xmin, xmax, ymin, ymax of all poses [m].
         turning_radius: smallest radius [m].
         costs: what a path costs.
-        resolution: the grid and the primitives.
+        resolution: the grid and the motion primitives.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class GraphSearch:
         self._xmin, self._ymin, self._height = region[0], region[2], region[3] - region[2]
         self._sign = -1.0 if query.driven_backwards else 1.0
         length, levels = resolution.primitive_length, resolution.steering_levels
-        self._primitives = Primitives(length, levels, turning_radius, costs, self._sign)
+        self._primitives = MotionPrimitives(length, levels, turning_radius, costs, self._sign)
         self._shapes = self._primitives.sampled(test.spacing)
         self._tight_shapes = self._primitives.sampled(min(test.spacing, TIGHT_SPACING))
         x, y, theta = map(float, query.root)
@@ -115,7 +115,7 @@ class GraphSearch:
         self._poses: list[Pose] = []
         self._g: list[float] = []
         self._parents: list[int] = []
-        self._arrivals: list[int] = []  # the primitive each node was reached by, -1 for the root
+        self._arrivals: list[int] = []  # the motion primitive each node was reached by, -1 for the root
         self._shares: list[float] = []  # how much of that primitive was driven
         self._keys: list[int] = []
         self._complete: list[bool] = []  # whether the node's f has all of the heuristic
@@ -126,11 +126,11 @@ class GraphSearch:
         self._last_expansion = math.inf  # where polishing ends
         self._offer((x, y, theta), 0.0, -1, -1, 0.0, self._key(query.root[None])[0], 0.0)
 
-    def run(self, expansions: int, deadline: float) -> Outcome:
-        """Search on for a number of expansions, or until the deadline (a time.monotonic() instant)."""
+    def run(self, expansions: int, budget: Budget) -> Outcome:
+        """Search on for a number of expansions, or until the budget is over."""
         pause = self.expansions + expansions
         while self._queue:
-            if self.expansions % CLOCK_EVERY == 0 and time.monotonic() > deadline:
+            if self.expansions % CLOCK_EVERY == 0 and budget.is_over:
                 return Outcome.OUT_OF_TIME
             if self.expansions >= pause:
                 return Outcome.PAUSED
@@ -152,8 +152,8 @@ class GraphSearch:
         resolution, root = self._resolution, self._query.root
         keys = self._cells(poses, resolution.position, resolution.heading)
         if self.root_is_tight:
-            near = np.hypot(poses[:, 0] - root[0], poses[:, 1] - root[1]) < TIGHT_REACH
-            keys[near] = -1 - self._cells(poses[near], resolution.tight_position, resolution.tight_heading)
+            is_fine = np.hypot(poses[:, 0] - root[0], poses[:, 1] - root[1]) < TIGHT_RADIUS
+            keys[is_fine] = -1 - self._cells(poses[is_fine], resolution.tight_position, resolution.tight_heading)
         result: list[int] = keys.tolist()
         return result
 
@@ -175,7 +175,7 @@ class GraphSearch:
         if self._complete[node]:
             return False
         self._complete[node] = True
-        to_go = path_length(self._poses[node], self._query.target, self._radius)
+        to_go = path_length(self._poses[node], self._query.target, self._radius)  # non-holonomic, without obstacles
         if self._query.lattice is not None:
             to_go = max(to_go, self._query.lattice.at(*self._poses[node]))
         complete = self._g[node] + self._resolution.weight * to_go
@@ -200,7 +200,7 @@ class GraphSearch:
         poses = placed(shapes[wanted], self._poses[node])
         free = self._free_steps(poses)
         reached = poses[np.arange(len(wanted)), free - 1]
-        to_go = self._query.cost_to_go.at(reached[:, 0], reached[:, 1]).tolist()
+        to_go = self._query.holonomic.at(reached[:, 0], reached[:, 1]).tolist()
         keys = self._key(reached)
         rows = zip(wanted, (free / poses.shape[1]).tolist(), reached.tolist(), keys, to_go, strict=True)
         for p, share, (x, y, theta), key, to_go_there in rows:
@@ -230,7 +230,7 @@ class GraphSearch:
         found = connect(pose, self._query.target, self._radius, self._test, cost_of, limit, CANDIDATES)
         if found is not None:
             if self.best is None:
-                self._last_expansion = self.expansions + POLISH_LEAST + int(POLISH_SHARE * self.expansions)
+                self._last_expansion = self.expansions + POLISHING
             self.best_cost, self.best = g + found[0], self._moves_to(node) + found[1]
 
     def _cost(self, before: Move | None, moves: list[Move]) -> float:

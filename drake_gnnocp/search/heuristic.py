@@ -1,7 +1,7 @@
-r"""Obstacle-aware cost-to-go: how far the rear axle's middle has to drive to the goal if the car were a disc.
+r"""The holonomic-with-obstacles heuristic (Dolgov et al. 2008): the way to the goal if the car were a disc.
 
 The largest disc around the rear axle's middle that is inside the car has the radius r = min(width / 2, rear hang). A
-grid cell is closed if the disc hits an obstacle wherever in the cell it is. Among the open cells the shortest
+grid cell is blocked if the disc hits an obstacle wherever in the cell it is. Among the free cells the shortest
 8-connected distance to the goal, V, is the fixed point of
 
     V(cell) = min over the neighbours n of V(n) + distance(cell, n),  V(goal) = 0,
@@ -13,43 +13,43 @@ An infinite V at the start proves that there is no path.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.vehicle import Vehicle
 
-POOL = 2  # cells of the distance field along each side of a cell of the cost-to-go
+POOL = 2  # cells of the distance field along each side of a cell here
 
 
 @dataclass(frozen=True, eq=False)
-class CostToGo:
-    """Distances to the goal at the cells of a grid."""
+class HolonomicHeuristic:
+    """Distances of the rear axle's middle to the goal among obstacles, at the cells of a grid."""
 
     xmin: float  # m, left side of the grid
     ymin: float  # m, lower side of the grid
     cell: float  # m, side of a cell
-    values: np.ndarray  # (nx, ny) distance to the goal among open cells, infinite where there is no way [m]
+    values: np.ndarray  # (nx, ny) distance to the goal among free cells, infinite where there is no way [m]
 
     @classmethod
-    def of(cls, field: DistanceField, vehicle: Vehicle, goal: np.ndarray, deadline: float = math.inf) -> CostToGo:
-        """Compute the cost-to-go to a goal over the area of a distance field.
+    def of(cls, field: DistanceField, vehicle: Vehicle, goal: np.ndarray, budget: Budget) -> HolonomicHeuristic:
+        """Compute the distances to a goal over the area of a distance field.
 
         Args:
             field: distances to the obstacles.
             vehicle: the car.
             goal: (3,) x, y, theta [m, m, rad].
-            deadline: instant of time.monotonic() to give up at, with values that are too large [s].
+            budget: where it ends early, values are too large.
         """
         widest = pooled(field.values)
         radius = min(0.5 * vehicle.width, vehicle.rear_hang)
-        closed = widest + field.half_diagonal < radius
+        blocked = widest + field.half_diagonal < radius
         cell = POOL * field.cell
-        i = min(max(int((goal[0] - field.xmin) / cell), 0), closed.shape[0] - 1)
-        j = min(max(int((goal[1] - field.ymin) / cell), 0), closed.shape[1] - 1)
-        return cls(field.xmin, field.ymin, cell, _distances(closed, (i, j), deadline) * cell)
+        i = min(max(int((goal[0] - field.xmin) / cell), 0), blocked.shape[0] - 1)
+        j = min(max(int((goal[1] - field.ymin) / cell), 0), blocked.shape[1] - 1)
+        return cls(field.xmin, field.ymin, cell, _distances(blocked, (i, j), budget) * cell)
 
     @property
     def reaches_the_rim(self) -> bool:
@@ -58,7 +58,7 @@ class CostToGo:
         return bool(np.isfinite(np.concatenate([v[0], v[-1], v[:, 0], v[:, -1]])).any())
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Cost-to-go at the points x, y (N,) each [m]: (N,) [m]."""
+        """Distances to the goal from the points x, y (N,) each [m]: (N,) [m]."""
         nx, ny = self.values.shape
         i = ((x - self.xmin) * (1 / self.cell)).astype(np.intp)
         j = ((y - self.ymin) * (1 / self.cell)).astype(np.intp)
@@ -73,16 +73,16 @@ def pooled(values: np.ndarray) -> np.ndarray:
     return padded.reshape(nx, POOL, ny, POOL).max(axis=(1, 3))
 
 
-def _distances(closed: np.ndarray, goal: tuple[int, int], deadline: float) -> np.ndarray:
-    """8-connected distances to the goal in cells, infinite at closed cells."""
-    nx, ny = closed.shape
+def _distances(blocked: np.ndarray, goal: tuple[int, int], budget: Budget) -> np.ndarray:
+    """8-connected distances to the goal in cells, infinite at blocked cells."""
+    nx, ny = blocked.shape
     padded = np.full((nx + 2, ny + 2), math.inf)  # a frame of infinity spares the neighbours at the rim
     inner = padded[1:-1, 1:-1]
     inner[goal] = 0.0
-    wall = np.where(closed, math.inf, 0.0)
+    wall = np.where(blocked, math.inf, 0.0)
     shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
     candidate = np.empty_like(inner)
-    while time.monotonic() < deadline:
+    while not budget.is_over:
         before = inner.copy()
         for a, b in shifts:
             np.add(padded[1 + a : nx + 1 + a, 1 + b : ny + 1 + b], wall, out=candidate)

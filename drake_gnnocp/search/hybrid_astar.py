@@ -1,48 +1,50 @@
 r"""Hybrid A*: a collision-free path with gears among exact polygons (Dolgov et al. 2008), in plain Python and numpy.
 
 Two searches take turns, one from the start and one from the goal: the car's kinematics is reversible, and getting out
-of a slot is much easier to search than getting in. Heading cells of 45 degrees (the paper's) are coarse; when
-both searches end without a path, or take too long, the next stage looks with finer headings, shorter
-primitives, a smaller safety margin and the better heuristic of `lattice`, in a fixed schedule. The path is then
-shortened, see `shortcut`.
+of a slot is much easier to search than getting in. Heading cells of 45 degrees (the paper's) are coarse. When both
+searches end without a path, or take too many expansions, the next stage of `SCHEDULE` looks with finer headings,
+shorter motion primitives, a smaller safety margin and the better heuristic of `lattice`. The path is then shortened,
+see `shortcut`.
 
 Every stage searches first the surroundings of start and goal, then the whole map, where that is more; see `regions`.
-A region in which the cost-to-go proves that there is no way is left out.
+A region in which the holonomic heuristic proves that there is no way is left out.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box, FootprintTest, Margins
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.graph_search import GraphSearch, Outcome, Query, Resolution
-from drake_gnnocp.search.heuristic import CostToGo
+from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.lattice import Lattice
-from drake_gnnocp.search.moves import Costs, Move, backwards, drive, merged
+from drake_gnnocp.search.moves import Costs, Move, backwards, merged, poses_along
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
 
-INSTALMENT = 100  # expansions each of the two searches does in turn
+INSTALMENT = 100  # expansions of one search before the other's turn
 MOST_CELLS = (60_000, 150_000)  # of the distance fields of surroundings and map; larger areas get larger cells
 SMALLEST_CELL = 0.2  # m
+TIGHT_POSITION = 0.07  # m, side of a cell around an end where every motion primitive is blocked
+TIGHT_HEADING = 0.066  # rad, heading cell there: a move of 0.2 m at full lock turns the car by one cell
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One entry of the schedule, relative to the options."""
+    """One entry of the schedule; lengths and angles are factors of those in the options or above."""
 
     position: float  # factor of the position resolution
     heading: float  # factor of the heading resolution
-    length: float  # factor of the primitive length
+    length: float  # factor of the length of the motion primitives
     margin: float  # factor of the safety margin
-    tight: float  # factor of the resolutions around a tight end
+    tight: float  # factor of TIGHT_POSITION and TIGHT_HEADING
     lattice: bool  # whether to use the better, slower heuristic
     expansions: int  # most expansions of each of the two searches
 
@@ -59,18 +61,15 @@ SCHEDULE = (
 
 @dataclass(frozen=True)
 class HybridAStarOptions:
-    """Options of the search; the resolutions are the paper's."""
+    """What a user may set; the resolutions are the paper's."""
 
     position_resolution: float = 0.2  # m
     heading_resolution: float = 0.785  # rad
-    tight_position_resolution: float = 0.07  # m, around an end where every primitive is blocked
-    tight_heading_resolution: float = 0.066  # rad, there: a move of 0.2 m at full lock turns the car by one cell
-    primitive_length: float = 1.0  # m
+    primitive_length: float = 1.0  # m, of the motion primitives
     steering_levels: int = 5  # from full left to full right
     margin: float = 0.12  # m, the car is grown by this on all sides
     heuristic_weight: float = 3.0  # above 1: faster, less cheap paths
     costs: Costs = field(default_factory=Costs)
-    schedule: tuple[Stage, ...] = SCHEDULE
 
 
 @dataclass(frozen=True)
@@ -86,80 +85,81 @@ DEFAULT_OPTIONS = HybridAStarOptions()
 
 
 def search(
-    scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS, deadline: float = math.inf
+    scenario: Scenario, budget: Budget, options: HybridAStarOptions = DEFAULT_OPTIONS, first_stage: int = 0
 ) -> SearchResult:
     """Find a path with gears from the scenario's start to its goal.
 
     Coordinates should be near the origin (see `Scenario.translated`). The same input gives the same output unless the
-    deadline cuts in.
+    budget ends the search.
 
     Args:
         scenario: the task.
-        options: resolutions, costs and the schedule.
-        deadline: instant of time.monotonic() to give up at [s].
+        budget: when it is over, the search gives up.
+        options: resolutions and costs.
+        first_stage: index into `SCHEDULE`; later stages look more finely and find other paths.
     """
-    if time.monotonic() > deadline:
+    if budget.is_over:
         return SearchResult(None, "out of time", 0)
     regions = zip(search_regions(scenario), MOST_CELLS, strict=False)
-    arenas = [_Arena(scenario, region, cells, options, deadline) for region, cells in regions]
+    arenas = [_Arena(scenario, region, cells, options, budget) for region, cells in regions]
     expansions = 0
-    for stage in options.schedule if not arenas[0].encloses_an_end else ():
+    for stage in SCHEDULE[first_stage:] if not arenas[0].encloses_an_end else ():
         for arena in arenas:
             if arena.has_no_way:
                 continue
             outcome, moves, test, done = arena.run(stage)
             expansions += done
             if moves is not None:
-                moves = shortened(scenario, moves, test, options.costs, deadline)
+                moves = shortened(scenario, moves, test, options.costs, budget)
                 return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
             if outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
     # heuristics that were cut short are infinite where they did not get to, which proves nothing
-    return SearchResult(None, "out of time" if time.monotonic() > deadline else "no path", expansions)
+    return SearchResult(None, "out of time" if budget.is_over else "no path", expansions)
 
 
 class _Arena:
     """One region with its distances and heuristics, which are made when they are first needed."""
 
     def __init__(
-        self, scenario: Scenario, region: Box, most_cells: int, options: HybridAStarOptions, deadline: float
+        self, scenario: Scenario, region: Box, most_cells: int, options: HybridAStarOptions, budget: Budget
     ) -> None:
         self._scenario, self._region, self._most_cells = scenario, region, most_cells
-        self._options, self._deadline = options, deadline
+        self._options, self._budget = options, budget
 
     @cached_property
-    def _world(self) -> DistanceField:
+    def _field(self) -> DistanceField:
         return _distance_field(self._scenario, self._region, self._most_cells, self._options.margin)
 
     @cached_property
     def _queries(self) -> list[Query]:
-        return _queries(self._scenario, self._world, self._deadline)
+        return _queries(self._scenario, self._field, self._budget)
 
     @cached_property
     def _queries_with_lattice(self) -> list[Query]:
-        with_lattice = partial(_with_lattice, world=self._world, region=self._region, deadline=self._deadline)
+        with_lattice = partial(_with_lattice, field=self._field, region=self._region, budget=self._budget)
         return [with_lattice(query, self._scenario) for query in self._queries]
 
     @cached_property
     def has_no_way(self) -> bool:
-        """Whether the cost-to-go proves that there is no path, or there was no time to compute it."""
+        """Whether the holonomic heuristic proves that there is no path, or there was no time to compute it."""
         start = self._scenario.start
-        return math.isinf(self._queries[0].cost_to_go.at(start[:1], start[1:2])[0])
+        return math.isinf(self._queries[0].holonomic.at(start[:1], start[1:2])[0])
 
     @cached_property
     def encloses_an_end(self) -> bool:
         """Whether start or goal is walled in on all sides: then no larger region has a way either."""
-        return self.has_no_way and not all(query.cost_to_go.reaches_the_rim for query in self._queries)
+        return self.has_no_way and not all(query.holonomic.reaches_the_rim for query in self._queries)
 
     def run(self, stage: Stage) -> tuple[Outcome, list[Move] | None, FootprintTest, int]:
         """Search at one stage: how it ended, the moves if there are any, their collision test, nodes expanded."""
         scenario, options = self._scenario, self._options
         queries = self._queries_with_lattice if stage.lattice else self._queries
-        test = FootprintTest(scenario, self._world, self._region, Margins.of(scenario, stage.margin * options.margin))
+        test = FootprintTest(scenario, self._field, self._region, Margins.of(scenario, stage.margin * options.margin))
         common = (test, self._region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
         searches = [GraphSearch(query, *common) for query in queries]
-        outcome = _take_turns(searches, stage.expansions, self._deadline)
-        return outcome, _best(searches), test, sum(each.expansions for each in searches)
+        outcome = _take_turns(searches, stage.expansions, self._budget)
+        return outcome, _best(searches), test, sum(one.expansions for one in searches)
 
 
 def _distance_field(scenario: Scenario, region: Box, most_cells: int, margin: float) -> DistanceField:
@@ -168,17 +168,17 @@ def _distance_field(scenario: Scenario, region: Box, most_cells: int, margin: fl
     return DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
 
 
-def _queries(scenario: Scenario, world: DistanceField, deadline: float) -> list[Query]:
+def _queries(scenario: Scenario, field: DistanceField, budget: Budget) -> list[Query]:
     """The search from the start and the one from the goal."""
     start, goal, vehicle = scenario.start, scenario.goal, scenario.vehicle
     return [
-        Query(start, goal, False, CostToGo.of(world, vehicle, goal, deadline), None),
-        Query(goal, start, True, CostToGo.of(world, vehicle, start, deadline), None),
+        Query(start, goal, False, HolonomicHeuristic.of(field, vehicle, goal, budget), None),
+        Query(goal, start, True, HolonomicHeuristic.of(field, vehicle, start, budget), None),
     ]
 
 
-def _with_lattice(query: Query, scenario: Scenario, world: DistanceField, region: Box, deadline: float) -> Query:
-    lattice = Lattice.of(world, scenario.vehicle, query.target, query.cost_to_go, region, deadline)
+def _with_lattice(query: Query, scenario: Scenario, field: DistanceField, region: Box, budget: Budget) -> Query:
+    lattice = Lattice.of(field, scenario.vehicle, query.target, query.holonomic, region, budget)
     return replace(query, lattice=lattice)
 
 
@@ -189,23 +189,22 @@ def _resolution(options: HybridAStarOptions, stage: Stage) -> Resolution:
         primitive_length=stage.length * options.primitive_length,
         steering_levels=options.steering_levels,
         weight=options.heuristic_weight,
-        tight_position=stage.tight * options.tight_position_resolution,
-        tight_heading=stage.tight * options.tight_heading_resolution,
+        tight_position=stage.tight * TIGHT_POSITION,
+        tight_heading=stage.tight * TIGHT_HEADING,
     )
 
 
-def _take_turns(searches: Sequence[GraphSearch], most: int, deadline: float) -> Outcome:
+def _take_turns(searches: Sequence[GraphSearch], most: int, budget: Budget) -> Outcome:
     """Run both searches in turn until one has a path or none can go on."""
     outcomes = [Outcome.PAUSED, Outcome.PAUSED]
-    tight = [each.root_is_tight for each in searches]
-    shares = [INSTALMENT if tight[k] or not tight[1 - k] else INSTALMENT // 4 for k in (0, 1)]
+    tight = [one.root_is_tight for one in searches]
+    instalments = [INSTALMENT if tight[k] or not tight[1 - k] else INSTALMENT // 4 for k in (0, 1)]
     for _ in range(math.ceil(most / INSTALMENT)):
-        for which, each in enumerate(searches):
+        for which, one in enumerate(searches):
             if outcomes[which] is Outcome.PAUSED:
-                outcomes[which] = each.run(shares[which], deadline)
-            if outcomes[which] is Outcome.OUT_OF_TIME or (
-                outcomes[which] is Outcome.FINISHED and each.best is not None
-            ):
+                outcomes[which] = one.run(instalments[which], budget)
+            found = outcomes[which] is Outcome.FINISHED and one.best is not None
+            if found or outcomes[which] is Outcome.OUT_OF_TIME:
                 return outcomes[which]
         if outcomes == [Outcome.FINISHED, Outcome.FINISHED]:
             break
@@ -224,7 +223,7 @@ def _best(searches: Sequence[GraphSearch]) -> list[Move] | None:
 
 def _geared_path(scenario: Scenario, moves: list[Move], step: float) -> GearedPath:
     """The poses along moves, the last one moved by its rounding error onto the goal."""
-    path = drive(scenario.start, moves, step)
+    path = poses_along(scenario.start, moves, step)
     turns = round((path.poses[-1, 2] - scenario.goal[2]) / (2 * math.pi))
     path.poses[-1] = scenario.goal + (0.0, 0.0, 2 * math.pi * turns)
     return path

@@ -1,33 +1,34 @@
-r"""Cost-to-go that knows where the car can turn: shortest paths on a coarse lattice of positions and headings.
+r"""A heuristic that knows where the car can turn: shortest paths on a coarse lattice of positions and headings.
 
-The cost-to-go of `heuristic` drives a disc, and the Reeds-Shepp length knows no obstacles. Neither sees that a car
-which points the wrong way in a narrow lane must first go to where it can turn round. Here a state is a grid cell and
-one of 16 headings; it is closed if the car there, as a row of inscribed circles, hits an obstacle or leaves the region.
+Dolgov's holonomic-with-obstacles heuristic drives a disc (`heuristic`), and his non-holonomic-without-obstacles one
+is the Reeds-Shepp length, which knows no obstacles. Neither sees that a car which points the wrong way in a narrow lane
+must first go to where it can turn round. Here a state is a grid cell and one of 16 headings. It is blocked if the car
+there, as a row of inscribed circles, hits an obstacle or leaves the region.
 A state has six neighbours: one step ahead or back, and a sixteenth of a turn left or right at full lock in either gear.
 The shortest lengths V to the target are the fixed point of V(s) = min over the moves of (length + V(s after the move)),
 found layer by layer with numpy.
 
 It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements
-are rounded to cells, so V guides and proves nothing: where it is infinite, a finite guess takes its place.
+are rounded to cells, so V guides the search and proves nothing: where it is infinite, a finite guess replaces it.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.search.collision import Box
 from drake_gnnocp.search.distance_field import DistanceField
-from drake_gnnocp.search.heuristic import CostToGo, pooled
+from drake_gnnocp.search.heuristic import HolonomicHeuristic, pooled
 from drake_gnnocp.vehicle import Vehicle
 
 HEADINGS = 16
 CHANGE = 1e-3  # m, smaller changes do not go on
-DETOUR = 2.0  # where the lattice knows no way: this many times the disc's way ...
-SURCHARGE = 10.0  # m, ... and this
+WITHOUT_WAY_FACTOR = 2.0  # where the lattice knows no way: this many times the disc's way ...
+WITHOUT_WAY_EXTRA = 10.0  # m, ... and this
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,28 +46,28 @@ class Lattice:
         field: DistanceField,
         vehicle: Vehicle,
         target: np.ndarray,
-        disc: CostToGo,
+        holonomic: HolonomicHeuristic,
         region: Box,
-        deadline: float = math.inf,
+        budget: Budget,
     ) -> Lattice:
-        """Compute the lengths to a target pose (3,) on the grid of the disc's cost-to-go to it.
+        """Compute the lengths to a target pose (3,) on the grid of the disc's distances to it.
 
         Args:
             field: distances to the obstacles.
             vehicle: the car.
             target: x, y, theta [m, m, rad].
-            disc: the disc's cost-to-go to the target.
+            holonomic: the disc's distances to the target.
             region: xmin, xmax, ymin, ymax, which the car does not leave [m].
-            deadline: instant of time.monotonic() to stop improving the lengths at [s].
+            budget: where it ends early, lengths are too large.
         """
-        closed = _closed(field, vehicle, disc, region)
-        nx, ny = closed.shape[1:]
-        i = min(max(int((target[0] - disc.xmin) / disc.cell), 0), nx - 1)
-        j = min(max(int((target[1] - disc.ymin) / disc.cell), 0), ny - 1)
-        seed = (round(target[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j)
-        values = _lengths(closed, seed, _moves(disc.cell, vehicle.turning_radius), deadline)
-        guess = DETOUR * disc.values + SURCHARGE
-        return cls(disc.xmin, disc.ymin, disc.cell, np.where(np.isfinite(values), values, guess))
+        blocked = _blocked(field, vehicle, holonomic, region)
+        nx, ny = blocked.shape[1:]
+        i = min(max(int((target[0] - holonomic.xmin) / holonomic.cell), 0), nx - 1)
+        j = min(max(int((target[1] - holonomic.ymin) / holonomic.cell), 0), ny - 1)
+        state = (round(target[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j)
+        values = _lengths(blocked, state, _moves(holonomic.cell, vehicle.turning_radius), budget)
+        guess = WITHOUT_WAY_FACTOR * holonomic.values + WITHOUT_WAY_EXTRA
+        return cls(holonomic.xmin, holonomic.ymin, holonomic.cell, np.where(np.isfinite(values), values, guess))
 
     def at(self, x: float, y: float, theta: float) -> float:
         """Length to the target from a pose [m, m, rad], in m."""
@@ -76,29 +77,30 @@ class Lattice:
         return float(self.values[round(theta / (2 * math.pi) * HEADINGS) % HEADINGS, i, j])
 
 
-def _closed(field: DistanceField, vehicle: Vehicle, disc: CostToGo, region: Box) -> np.ndarray:
+def _blocked(field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeuristic, region: Box) -> np.ndarray:
     """States whose inscribed circles hit an obstacle or leave the region: (HEADINGS, nx, ny)."""
     widest = pooled(field.values)
     nx, ny = widest.shape
-    x, y = disc.xmin + (np.arange(nx) + 0.5) * disc.cell, disc.ymin + (np.arange(ny) + 0.5) * disc.cell
+    x = holonomic.xmin + (np.arange(nx) + 0.5) * holonomic.cell
+    y = holonomic.ymin + (np.arange(ny) + 0.5) * holonomic.cell
     half_width = 0.5 * vehicle.width
     first, last = half_width - vehicle.rear_hang, vehicle.wheelbase + vehicle.front_hang - half_width
-    closed = np.zeros((HEADINGS, nx, ny), dtype=bool)
+    blocked = np.zeros((HEADINGS, nx, ny), dtype=bool)
     for k in range(HEADINGS):
         angle = 2 * math.pi * k / HEADINGS
         for along in np.linspace(first, last, math.ceil(max(last - first, 0.0) / half_width) + 1):
-            i = np.clip(((x + along * math.cos(angle) - disc.xmin) / disc.cell).astype(int), 0, nx - 1)
-            j = np.clip(((y + along * math.sin(angle) - disc.ymin) / disc.cell).astype(int), 0, ny - 1)
-            closed[k] |= widest[np.ix_(i, j)] < half_width + 0.5 * field.half_diagonal  # room for in-between headings
+            i = np.clip(((x + along * math.cos(angle) - holonomic.xmin) / holonomic.cell).astype(int), 0, nx - 1)
+            j = np.clip(((y + along * math.sin(angle) - holonomic.ymin) / holonomic.cell).astype(int), 0, ny - 1)
+            blocked[k] |= widest[np.ix_(i, j)] < half_width + 0.5 * field.half_diagonal  # room for in-between headings
             inside = [
-                np.abs(centres - 0.5 * (low + high)) < 0.5 * (high - low) - half_width + 0.5 * disc.cell
+                np.abs(centres - 0.5 * (low + high)) < 0.5 * (high - low) - half_width + 0.5 * holonomic.cell
                 for centres, low, high in (
                     (x + along * math.cos(angle), region[0], region[1]),
                     (y + along * math.sin(angle), region[2], region[3]),
                 )
             ]
-            closed[k] |= ~(inside[0][:, None] & inside[1])
-    return closed
+            blocked[k] |= ~(inside[0][:, None] & inside[1])
+    return blocked
 
 
 def _moves(cell: float, radius: float) -> list[list[tuple[int, int, int, float]]]:
@@ -121,21 +123,21 @@ def _moves(cell: float, radius: float) -> list[list[tuple[int, int, int, float]]
 
 
 def _lengths(
-    closed: np.ndarray,
-    seed: tuple[int, int, int],
+    blocked: np.ndarray,
+    target: tuple[int, int, int],
     moves: list[list[tuple[int, int, int, float]]],
-    deadline: float,
+    budget: Budget,
 ) -> np.ndarray:
-    """Shortest lengths to the seed state [m], infinite at closed states."""
-    _, nx, ny = closed.shape
+    """Shortest lengths to the target state [m], infinite at blocked states."""
+    _, nx, ny = blocked.shape
     frame = max(max(abs(i), abs(j)) for own in moves for i, j, _, _ in own)  # of infinity: no move leaves the array
     values = np.full((HEADINGS, nx + 2 * frame, ny + 2 * frame), np.inf, dtype=np.float32)
     inner = values[:, frame : frame + nx, frame : frame + ny]
-    inner[seed] = 0.0
-    wall = np.where(closed, np.float32(np.inf), np.float32(0.0))
-    changed = [k == seed[0] for k in range(HEADINGS)]
+    inner[target] = 0.0
+    wall = np.where(blocked, np.float32(np.inf), np.float32(0.0))
+    changed = [k == target[0] for k in range(HEADINGS)]
     candidate, before = np.empty((nx, ny), dtype=np.float32), np.empty((nx, ny), dtype=np.float32)
-    while any(changed) and time.monotonic() < deadline:
+    while any(changed) and not budget.is_over:
         for k, own in enumerate(moves):
             sources = [move for move in own if changed[move[2]]]
             changed[k] = False

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.search.reeds_shepp import ReedsSheppPath
 
 
 class Move(NamedTuple):
@@ -58,9 +57,9 @@ class Costs:
         return gear + self.steering_change * abs(first.curvature - second.curvature) / sharpest
 
 
-def moves_of(path: ReedsSheppPath) -> list[Move]:
-    """The moves of a Reeds-Shepp path."""
-    return [Move(segment.steer / path.turning_radius, segment.length) for segment in path.segments]
+def length_of(moves: Iterable[Move]) -> float:
+    """Distance driven, forwards and in reverse [m]."""
+    return sum(abs(move.length) for move in moves)
 
 
 def backwards(moves: Sequence[Move]) -> list[Move]:
@@ -81,7 +80,7 @@ def merged(moves: Iterable[Move]) -> list[Move]:
 
 def advance(pose: np.ndarray, curvature: float, s: np.ndarray) -> np.ndarray:
     """Poses after driving the lengths s (N,) [m] at one curvature [1/m] from a pose (3,): (N, 3) [m, m, rad]."""
-    return _along(np.broadcast_to(pose, (len(s), 3)), np.full(len(s), curvature), s)
+    return _driven(np.broadcast_to(pose, (len(s), 3)), np.full(len(s), curvature), s)
 
 
 def joints(start: np.ndarray, moves: Sequence[Move]) -> np.ndarray:
@@ -98,14 +97,14 @@ def joints(start: np.ndarray, moves: Sequence[Move]) -> np.ndarray:
     return np.array(poses)
 
 
-def drive(start: np.ndarray, moves: Sequence[Move], step: float) -> GearedPath:
+def poses_along(start: np.ndarray, moves: Sequence[Move], step: float) -> GearedPath:
     """Poses along moves at most step [m] apart, the ends of every move among them; without moves the start twice."""
     moves = moves or [Move(0.0, 0.0)]
     counts = [max(1, math.ceil(abs(length) / step)) for _, length in moves]
     which = np.repeat(np.arange(len(moves)), counts)
     fractions = np.concatenate([np.arange(1, count + 1) / count for count in counts])
     curvatures, lengths = np.array(moves)[which].T
-    poses = _along(joints(start, moves)[which], curvatures, lengths * fractions)
+    poses = _driven(joints(start, moves)[which], curvatures, lengths * fractions)
     gears = np.where(lengths >= 0, 1, -1)
     return GearedPath(
         np.concatenate([np.asarray(start, dtype=float)[None], poses]),
@@ -114,7 +113,8 @@ def drive(start: np.ndarray, moves: Sequence[Move], step: float) -> GearedPath:
     )
 
 
-def _along(poses: np.ndarray, curvatures: np.ndarray, s: np.ndarray) -> np.ndarray:
+def _driven(poses: np.ndarray, curvatures: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Where driving s (N,) [m] at curvatures (N,) [1/m] leads to from poses (N, 3): (N, 3) [m, m, rad]."""
     half_turn = 0.5 * curvatures * s
     safe = np.where(half_turn == 0.0, 1.0, half_turn)
     chord = np.where(half_turn == 0.0, s, s * np.sin(safe) / safe)

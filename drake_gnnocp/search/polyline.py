@@ -23,8 +23,8 @@ CHANGE = 1.0  # rad, that a gear change counts as
 REVERSE = 0.02  # rad/m, that driving in reverse counts as
 GEARS = (1, -1)
 SPACING = 0.1  # m, between poses
-ROUNDING = 2.0  # m, of a line around a corner that is bent
-TURNING = 3.0  # m, over which headings are averaged
+CORNER = 2.0  # m, of the line around a corner that is bent
+HEADING_WINDOW = 3.0  # m, over which headings are averaged
 SAME_POINT = 1e-6  # m, shorter pieces have no direction
 
 
@@ -87,9 +87,9 @@ def _rounded(line: np.ndarray) -> np.ndarray:
     """Points SPACING apart along a line (N, 2), each the mean of those around it; the ends stay [m]."""
     at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     s = np.linspace(0.0, at[-1], 1 + max(2, math.ceil(at[-1] / SPACING)))
-    reach = np.minimum(0.5 * ROUNDING, np.minimum(s, at[-1] - s))
+    half_window = np.minimum(0.5 * CORNER, np.minimum(s, at[-1] - s))
     offsets = np.linspace(-1.0, 1.0, 21)
-    around = s[:, None] + reach[:, None] * offsets
+    around = s[:, None] + half_window[:, None] * offsets
     return np.stack([np.interp(around, at, column).mean(axis=1) for column in line.T], axis=1)
 
 
@@ -98,13 +98,13 @@ def _headings(points: np.ndarray, gear: np.ndarray, start_heading: float, goal_h
     steps = np.diff(points, axis=0)
     tangents = np.arctan2(gear * steps[:, 1], gear * steps[:, 0])
     theta = np.unwrap(np.concatenate([[start_heading], tangents, [goal_heading]]))
-    half = round(0.5 * TURNING / SPACING)
+    half = round(0.5 * HEADING_WINDOW / SPACING)
     padded = np.pad(theta, half, mode="edge")
     mean = np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")  # (N + 1,)
     between = 0.5 * (mean[1:] + mean[:-1])
     # what averaging leaves of the difference to the ends' headings is brought in over the same distance
     i = np.arange(len(between))
-    reach = min(half, 0.5 * i[-1])
-    near_start, near_goal = (np.clip(1.0 - along / reach, 0.0, 1.0) for along in (i, i[::-1]))
-    between += near_start * (theta[0] - between[0])
-    return between + near_goal * (theta[-1] - between[-1])
+    fading = min(half, 0.5 * i[-1])
+    of_start, of_goal = (np.clip(1.0 - along / fading, 0.0, 1.0) for along in (i, i[::-1]))
+    between += of_start * (theta[0] - between[0])
+    return between + of_goal * (theta[-1] - between[-1])

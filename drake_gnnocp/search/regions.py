@@ -7,33 +7,33 @@ import numpy as np
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box
 
-FREE_MARGIN = 10.0  # m, of free space around start, goal and obstacles that is searched without bounds
-DETOUR = 30.0  # m, the surroundings of the box around start and goal, searched first
+ROOM = 10.0  # m, least free space around start, goal and obstacles that is searched where there are no bounds
+DETOUR = 30.0  # m, around the box of start and goal: the surroundings, searched first
 LONGEST_DETOUR = 500.0  # m, no search goes further than this from that box, whatever bounds and obstacles say
 
 
 def search_regions(scenario: Scenario) -> list[Box]:
     """The rectangles that are searched in turn, each xmin, xmax, ymin, ymax [m].
 
-    The surroundings of start and goal, which a far obstacle does not enlarge, and where that is more, the whole map:
-    the bounds, or the box around all obstacles and ends with room for the car to turn.
+    The first is the surroundings of start and goal, which a far obstacle does not enlarge. Where the whole map is
+    larger, it is the second: the bounds, or the box around all obstacles and ends with room for the car to turn.
     """
     vehicle = scenario.vehicle
     ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
     everything = np.concatenate([ends, *scenario.obstacles])
-    room = max(FREE_MARGIN, 2.0 * vehicle.turning_radius + vehicle.length)
+    room = max(ROOM, 2.0 * vehicle.turning_radius + vehicle.length)
     low, high = everything.min(axis=0) - room, everything.max(axis=0) + room
-    near = _clipped(scenario, ends, DETOUR, low, high)
+    surroundings = _clipped(scenario, ends, DETOUR, low, high)
     if scenario.bounds is not None:
         low, high = np.array(scenario.bounds[0::2]), np.array(scenario.bounds[1::2])
-    far = _clipped(scenario, ends, LONGEST_DETOUR, low, high)
-    return [near] if near == far else [near, far]
+    whole_map = _clipped(scenario, ends, LONGEST_DETOUR, low, high)
+    return [surroundings] if surroundings == whole_map else [surroundings, whole_map]
 
 
-def _clipped(scenario: Scenario, ends: np.ndarray, reach: float, low: np.ndarray, high: np.ndarray) -> Box:
-    """The box from low to high (2,), no further than `reach` from the ends (N, 2) and within the bounds [m]."""
-    low = np.maximum(low, ends.min(axis=0) - reach)
-    high = np.minimum(high, ends.max(axis=0) + reach)
+def _clipped(scenario: Scenario, ends: np.ndarray, detour: float, low: np.ndarray, high: np.ndarray) -> Box:
+    """The box from low to high (2,), no further than `detour` from the ends (N, 2) and within the bounds [m]."""
+    low = np.maximum(low, ends.min(axis=0) - detour)
+    high = np.minimum(high, ends.max(axis=0) + detour)
     if scenario.bounds is not None:
         low = np.maximum(low, scenario.bounds[0::2])
         high = np.minimum(high, scenario.bounds[1::2])

@@ -12,31 +12,21 @@ How long it goes on is counted in iterations, not in seconds: the same seed give
 from __future__ import annotations
 
 import math
-import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box
 from drake_gnnocp.search.regions import search_regions
 
 LARGEST_SEED = 2**31  # OMPL's seeds begin at 1
-
-
-@dataclass(frozen=True)
-class RrtStarOptions:
-    """Options of the search."""
-
-    reach: float = 5.0  # m, longest line
-    near: float = 5.0  # m, of the start and the goal, within which the ends of lines are tested with the disc only
-    most_iterations: int = 15000  # until there is a path; of each search: two tests, and up to two `regions`
-    improving_iterations: int = 1500  # after the first path
-
-
-DEFAULT_OPTIONS = RrtStarOptions()
+LONGEST_LINE = 5.0  # m, that the tree grows by at once
+END_RADIUS = 5.0  # m, around start and goal, within which the ends of lines are tested with the disc only
+MOST_ITERATIONS = 15000  # of one search without a path; there are two collision tests, and up to two `regions`
+IMPROVING_ITERATIONS = 1500  # after the first path
 
 
 def is_available() -> bool:
@@ -48,39 +38,36 @@ def is_available() -> bool:
     return True
 
 
-def rrt_star_path(
-    scenario: Scenario,
-    seed: int = 0,
-    max_seconds: float = math.inf,
-    deadline: float = math.inf,
-    options: RrtStarOptions = DEFAULT_OPTIONS,
-) -> np.ndarray | None:
+def rrt_star_path(scenario: Scenario, budget: Budget, seed: int = 0) -> np.ndarray | None:
     """Positions of the middle of the car's rectangle, joined by free lines (N, 2) [m]; None where none are found.
 
     Args:
         scenario: the task, near the origin.
-        seed: the same one gives the same path, unless the time cuts in.
-        max_seconds: most that the search takes [s].
-        deadline: instant of `time.monotonic()` to return at, with what there is by then [s].
-        options: see `RrtStarOptions`.
+        budget: when it is over, what there is by then is returned.
+        seed: the same one gives the same path, unless the budget ends the search.
     """
-    deadline = min(deadline, time.monotonic() + max_seconds)
-    for near in (options.near, math.inf):
+    for disc_radius in (END_RADIUS, math.inf):
         for region in search_regions(scenario):
-            path = _search(_Lines(scenario, region, near), region, seed, deadline, options)
+            path = _search(_Lines(scenario, region, disc_radius), region, seed, budget)
             if path is not None:
                 return path
     return None
 
 
 class _Lines:
-    """The collision test of straight drives in one region."""
+    """The collision test of straight drives in one region.
 
-    def __init__(self, scenario: Scenario, region: Box, near: float) -> None:
+    Args:
+        scenario: the task.
+        region: xmin, xmax, ymin, ymax that the car does not leave [m].
+        disc_radius: around start and goal, within which the disc alone is tested [m].
+    """
+
+    def __init__(self, scenario: Scenario, region: Box, disc_radius: float) -> None:
         vehicle = scenario.vehicle
         self.start, self.goal = vehicle.footprints(np.stack([scenario.start, scenario.goal])).mean(axis=1)
         self._half_length, self._half_width = 0.5 * vehicle.length, 0.5 * vehicle.width
-        self._near = near
+        self._disc_radius = disc_radius
         self._low, self._high = np.array(region[0::2]), np.array(region[1::2])
         self._blocked = shapely.union_all(list(scenario.polygons))
         shapely.prepare(self._blocked)
@@ -93,7 +80,7 @@ class _Lines:
         if not ((ends - self._half_width >= self._low) & (ends + self._half_width <= self._high)).all():
             return False
         for end in (self.start, self.goal):
-            a, b = _outside(a, b, end, self._near)
+            a, b = _outside(a, b, end, self._disc_radius)
         length = math.dist(a, b)
         if length == 0.0:
             return True
@@ -121,7 +108,7 @@ def _outside(a: np.ndarray, b: np.ndarray, centre: np.ndarray, radius: float) ->
     return (rim, b) if starts else (a, rim)
 
 
-def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: RrtStarOptions) -> np.ndarray | None:
+def _search(lines: _Lines, region: Box, seed: int, budget: Budget) -> np.ndarray | None:
     """RRT* in one region."""
     from ompl import base, geometric, util
 
@@ -146,7 +133,7 @@ def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: Rrt
     problem.setStartAndGoalStates(_state(space, lines.start), _state(space, lines.goal))
     planner = geometric.RRTstar(information)
     planner.setProblemDefinition(problem)
-    planner.setRange(options.reach)
+    planner.setRange(LONGEST_LINE)
     planner.setup()
 
     first: list[int] = []  # iteration of the first path
@@ -156,8 +143,8 @@ def _search(lines: _Lines, region: Box, seed: int, deadline: float, options: Rrt
         # the problem learns of a path when the planner ends
         if not first and math.isfinite(planner.bestCost().value()):
             first.append(done)
-        limit = first[0] + options.improving_iterations if first else options.most_iterations
-        return done >= limit or time.monotonic() > deadline
+        limit = first[0] + IMPROVING_ITERATIONS if first else MOST_ITERATIONS
+        return done >= limit or budget.is_over
 
     planner.solve(base.PlannerTerminationCondition(is_over))
     if not problem.hasExactSolution():

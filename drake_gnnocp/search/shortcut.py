@@ -1,19 +1,20 @@
 r"""Shortens a path: pieces of it are replaced by cheaper free Reeds-Shepp paths between their ends.
 
-A search on a grid finds paths that wiggle and that change gear where the grid suggested it. Here the path is cut every
-few metres; from the start on, the longest run of pieces that can be replaced is. A second round cuts elsewhere.
+A search on a grid finds paths that wiggle, and that change gear where the grid suggests it. Here the path is cut into
+pieces of a few metres. From the start on, the longest run of pieces that a cheaper path can replace is replaced. Then a
+second round does the same with other cuts.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from functools import partial
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import FootprintTest
 from drake_gnnocp.search.connection import connect
-from drake_gnnocp.search.moves import Costs, Move, joints, merged
+from drake_gnnocp.search.moves import Costs, Move, joints, length_of, merged
 from drake_gnnocp.search.reeds_shepp import path_length
 
 CUT_EVERY = (2.0, 1.1)  # m, most between two cuts, in each round
@@ -22,7 +23,7 @@ CANDIDATES = 3  # Reeds-Shepp paths tried for one piece
 GAIN = 0.05  # m, smaller improvements are left
 
 
-def shortened(scenario: Scenario, moves: list[Move], test: FootprintTest, costs: Costs, deadline: float) -> list[Move]:
+def shortened(scenario: Scenario, moves: list[Move], test: FootprintTest, costs: Costs, budget: Budget) -> list[Move]:
     """A path from the scenario's start that costs no more than the given one and is as free.
 
     Args:
@@ -30,23 +31,23 @@ def shortened(scenario: Scenario, moves: list[Move], test: FootprintTest, costs:
         moves: a free path from start to goal.
         test: the collision test.
         costs: what a path costs.
-        deadline: instant of time.monotonic() to return at, with what there is by then [s].
+        budget: when it is over, what there is by then is returned.
     """
     for longest in CUT_EVERY:
-        if time.monotonic() < deadline:
-            moves = _round(scenario, _cut(moves, longest), test, costs, deadline)
+        if not budget.is_over:
+            moves = _round(scenario, _cut(moves, longest), test, costs, budget)
     return moves
 
 
-def _round(scenario: Scenario, pieces: list[Move], test: FootprintTest, costs: Costs, deadline: float) -> list[Move]:
-    """Replace, from the start on, the longest replaceable run of pieces, and go on behind it."""
+def _round(scenario: Scenario, pieces: list[Move], test: FootprintTest, costs: Costs, budget: Budget) -> list[Move]:
+    """Replace the longest run of pieces that can be, from the start on, and go on behind it."""
     cuts, radius = joints(scenario.start, pieces), scenario.vehicle.turning_radius
     result: list[Move] = []
     first = 0
     while first < len(pieces):
         past, new = first + 1, pieces[first : first + 1]
         for last in range(len(pieces), first + 1, -1):
-            if time.monotonic() > deadline:
+            if budget.is_over:
                 return merged(result + pieces[first:])
             # the changes of gear and steering at both ends count as well
             cost_of = partial(_cost, costs, radius, result[-1] if result else None, pieces[last : last + 1])
@@ -67,7 +68,7 @@ def _cost(costs: Costs, radius: float, before: Move | None, after: list[Move], m
 
 def _cut(moves: list[Move], longest: float) -> list[Move]:
     """The same path in moves no longer than a length [m], longer on long paths."""
-    longest = max(longest, sum(abs(move.length) for move in moves) / MOST_CUTS)
+    longest = max(longest, length_of(moves) / MOST_CUTS)
     pieces = []
     for move in moves:
         count = max(1, math.ceil(abs(move.length) / longest))

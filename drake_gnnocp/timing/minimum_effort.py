@@ -1,4 +1,4 @@
-r"""The gentlest timing of a path: a guess close to what the optimiser will make of it.
+r"""Minimum-effort timing of a path: a guess close to what the optimiser will make of it.
 
 A speed planner drives near the limits and waits at bends; the optimal control problem with a given duration spreads its
 effort int a^2 + w^2 dt over all of it. Along a section of length l in one gear, driven in the time T, the least
@@ -19,9 +19,9 @@ import numpy as np
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
 
-SAME_PLACE = 1e-9  # m, and m/s: less is standing still
+STANDING = 1e-9  # m, and m/s: less is standing still
 V_SHARE = 0.98  # of v_max: the optimiser's speed peaks between the knots
-SMOOTHING = 13  # phi is averaged, twice, over 1 / SMOOTHING of the knots
+SMOOTHING_PART = 13  # phi is averaged, twice, over the number of knots divided by this
 
 
 def with_duration(trajectory: Trajectory, duration: float) -> Trajectory:
@@ -33,12 +33,12 @@ def with_duration(trajectory: Trajectory, duration: float) -> Trajectory:
     return Trajectory(trajectory.t / factor, states, inputs)
 
 
-def gently_timed(trajectory: Trajectory, duration: float, vehicle: Vehicle) -> Trajectory:
+def with_minimum_effort(trajectory: Trajectory, duration: float, vehicle: Vehicle) -> Trajectory:
     """The trajectory's path with its gear changes, driven in `duration` with the least acceleration.
 
     Args:
         trajectory: N equally spaced knots.
-        duration: [s]; where it is too short for gentle driving, the motion is only scaled.
+        duration: [s]; where the limits do not allow this timing in it, the motion is only scaled.
         vehicle: its limits.
 
     Returns:
@@ -49,7 +49,7 @@ def gently_timed(trajectory: Trajectory, duration: float, vehicle: Vehicle) -> T
     arc = np.append(0.0, np.cumsum(np.diff(trajectory.t) * (np.abs(v[1:]) + np.abs(v[:-1])) / 2))
     stops, gears = _sections(v)
     lengths = np.diff(arc[stops])
-    if arc[-1] < SAME_PLACE:
+    if arc[-1] < STANDING:
         return with_duration(trajectory, duration)
     v_max = V_SHARE * vehicle.v_max
     phi = trajectory.column(State.PHI)
@@ -65,7 +65,7 @@ def gently_timed(trajectory: Trajectory, duration: float, vehicle: Vehicle) -> T
     s, speed, a = _profile(t - starts[section], lengths[section], times[section], v_max)
     s += arc[stops[section]]
     x, y, theta, angle = (np.interp(s, arc, column) for column in trajectory.states[:, [0, 1, 2, 4]].T)
-    angle = _smoothed(angle, max(1, len(t) // SMOOTHING) | 1)
+    angle = _smoothed(angle, max(1, len(t) // SMOOTHING_PART) | 1)
     w = np.gradient(angle, t)
     states = np.column_stack([x, y, theta, gears[section] * speed, angle])
     limits = np.array([vehicle.a_max, vehicle.w_max])
@@ -76,7 +76,7 @@ def gently_timed(trajectory: Trajectory, duration: float, vehicle: Vehicle) -> T
 
 def _sections(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Knots where sections in one gear meet, with both ends, and the sections' gears (+1, -1)."""
-    moving = np.flatnonzero(np.abs(v) > SAME_PLACE)
+    moving = np.flatnonzero(np.abs(v) > STANDING)
     signs = np.sign(v[moving])
     changes = np.flatnonzero(np.diff(signs))
     # between the last knot in one gear and the first in the next the car stands, or passes through zero
@@ -93,11 +93,11 @@ def _shortest_times(lengths: np.ndarray, v_max: float, a_max: float) -> np.ndarr
 
 
 def _shared(weights: np.ndarray, least: np.ndarray, total: float) -> np.ndarray:
-    """Share a total in proportion to weights, giving each at least its least; the sum of these is at most the total."""
+    """Share a total in proportion to weights, none below its least; the sum of these is at most the total."""
     fixed = np.zeros(len(weights), dtype=bool)
     while True:
         rest = total - least[fixed].sum()
-        shares = np.where(fixed, least, rest * weights / max(weights[~fixed].sum(), SAME_PLACE))
+        shares = np.where(fixed, least, rest * weights / max(weights[~fixed].sum(), STANDING))
         short = ~fixed & (shares < least)
         if not short.any():
             return shares * total / shares.sum()

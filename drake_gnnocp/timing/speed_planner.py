@@ -23,13 +23,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.timing.speed_profile import Section, SpeedOptions, slope_limited, speed_profile
+from drake_gnnocp.timing.speed_profile import W_FRACTION, Section, slope_limited, speed_profile
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 
 SAME_POINT = 1e-9  # m, shorter steps of a path are rounding noise
 FEWEST_INTERVALS = 3  # of a section: rest, drive, rest
-ROUNDING = 1e-9  # intervals: a duration this little above a whole number of them still fits
+WHOLE_TOLERANCE = 1e-9  # intervals: a duration this little above a whole number of them still fits
+STANDING_TIME = 1.0  # s, duration where there is no way to go
 
 
 @dataclass(frozen=True)
@@ -46,16 +47,13 @@ class _Timetable:
         return self.step * np.append(0, np.cumsum(self.counts))
 
 
-def plan_speed(
-    path: GearedPath, vehicle: Vehicle, n_knots: int = 120, options: SpeedOptions | None = None
-) -> Trajectory:
+def plan_speed(path: GearedPath, vehicle: Vehicle, n_knots: int = 120) -> Trajectory:
     """Put a time to a path.
 
     Args:
         path: poses with gears; the curvature is taken from the headings.
         vehicle: its limits hold at every knot and between knots.
         n_knots: knots of the result, equally spaced in time.
-        options: defaults when None.
 
     Returns:
         A trajectory that starts and ends with v = phi = a = w = 0 and has v = 0 at a knot for each gear change. The
@@ -64,27 +62,26 @@ def plan_speed(
     Raises:
         ValueError: the path is empty, or n_knots is too small for its gear changes.
     """
-    options = options or SpeedOptions()
     if n_knots < 2 or len(path.poses) == 0:
         raise ValueError(f"plan_speed: needs a path and at least 2 knots, not {len(path.poses)} poses, {n_knots} knots")
     steps = _step_lengths(path.poses)
     moves = np.append(True, steps > SAME_POINT)
     s, poses, gears = np.append(0.0, np.cumsum(steps))[moves], path.poses[moves], path.gears[moves][1:]
     if len(gears) == 0:
-        return _standing(poses[0], n_knots, options.standing_time)
+        return _standing(poses[0], n_knots)
     ends = np.concatenate([[0], np.flatnonzero(np.diff(gears)) + 1, [len(gears)]])
     sections = [
-        speed_profile(s[i : j + 1] - s[i], poses[i : j + 1, 2], int(gears[i]), vehicle, options)
+        speed_profile(s[i : j + 1] - s[i], poses[i : j + 1, 2], int(gears[i]), vehicle)
         for i, j in itertools.pairwise(ends)
     ]
-    swings = _swing_times(sections, options.w_fraction * vehicle.w_max)
+    swings = _swing_times(sections, W_FRACTION * vehicle.w_max)
     timetable = _timetable(sections, swings, n_knots - 1)
     return _trajectory(s, poses, sections, swings, timetable, vehicle)
 
 
-def _standing(pose: np.ndarray, n_knots: int, duration: float) -> Trajectory:
+def _standing(pose: np.ndarray, n_knots: int) -> Trajectory:
     states = np.tile(np.append(pose, [0.0, 0.0]), (n_knots, 1))
-    return Trajectory(np.linspace(0.0, duration, n_knots), states, np.zeros((n_knots, 2)))
+    return Trajectory(np.linspace(0.0, STANDING_TIME, n_knots), states, np.zeros((n_knots, 2)))
 
 
 def _step_lengths(poses: np.ndarray) -> np.ndarray:
@@ -113,7 +110,7 @@ def _timetable(sections: list[Section], swings: np.ndarray, n_intervals: int) ->
         first = np.append(swings[0] + 0.5 * step, 0.5 * swings[1:-1])
         last = np.append(0.5 * swings[1:-1], swings[-1] + 0.5 * step)
         rests = np.maximum(np.stack([first, last], axis=1) - swing_times[:, None], step)
-        counts = np.ceil((driving + rests.sum(axis=1)) / step - ROUNDING).astype(int)
+        counts = np.ceil((driving + rests.sum(axis=1)) / step - WHOLE_TOLERANCE).astype(int)
         return _Timetable(step, counts, rests)
 
     longest = float(driving.sum() + 2.0 * swings.sum())

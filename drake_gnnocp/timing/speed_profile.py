@@ -17,30 +17,14 @@ import numpy as np
 
 from drake_gnnocp.vehicle import Vehicle
 
+# of the vehicle's limits; the rest is left to the optimiser
+V_FRACTION, A_FRACTION, W_FRACTION = 0.9, 0.6, 0.85
+WINDOW = 1.5  # m, arc length over which curvature is averaged
+SWING_DISTANCE = 0.15  # m, beside a gear change, within which the wheels may still swing
+V_CRAWL = 0.05  # m/s, least cap on the speed however suddenly the curvature changes
 CELL = 0.05  # m, of the grid along a section
+NO_SLOPE = 1e-9  # rad/m, keeps the speed that the steering rate allows finite on straights and circles
 FEWEST_CELLS = 24  # of a section, however short: its speed profile has a peak to resolve
-
-
-@dataclass(frozen=True)
-class SpeedOptions:
-    """How much of the vehicle's limits is used (the rest is the optimizer's), and how curvature is smoothed.
-
-    Raises:
-        ValueError: a fraction is not in (0, 1], or another value is not positive.
-    """
-
-    v_fraction: float = 0.9  # of v_max, 1
-    a_fraction: float = 0.6  # of a_max, 1
-    w_fraction: float = 0.85  # of w_max, 1
-    window: float = 1.5  # m, arc length over which curvature is averaged
-    swing_distance: float = 0.15  # m, beside a gear change, within which the wheels may still swing
-    v_crawl: float = 0.05  # m/s, least cap on the speed however suddenly the curvature changes
-    standing_time: float = 1.0  # s, duration where there is no way to go
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 < value <= (1.0 if name.endswith("_fraction") else math.inf):
-                raise ValueError(f"speed options: {name} is out of range: {value!r}")
 
 
 @dataclass(frozen=True)
@@ -73,7 +57,7 @@ class Section:
         return np.clip(self.s[i] + (self.v[i] + 0.5 * acceleration[i] * since) * since, 0.0, self.length)
 
 
-def speed_profile(s: np.ndarray, theta: np.ndarray, gear: int, vehicle: Vehicle, options: SpeedOptions) -> Section:
+def speed_profile(s: np.ndarray, theta: np.ndarray, gear: int, vehicle: Vehicle) -> Section:
     """Steering angle and speed along a stretch of path.
 
     Args:
@@ -81,7 +65,6 @@ def speed_profile(s: np.ndarray, theta: np.ndarray, gear: int, vehicle: Vehicle,
         theta: (N,) headings there, continuous [rad].
         gear: +1 or -1.
         vehicle: its wheelbase and limits.
-        options: how much of the limits is used.
 
     Returns:
         The section on an even grid.
@@ -89,21 +72,22 @@ def speed_profile(s: np.ndarray, theta: np.ndarray, gear: int, vehicle: Vehicle,
     grid = np.linspace(0.0, s[-1], 1 + max(FEWEST_CELLS, math.ceil(s[-1] / CELL)))
     cell = grid[1]
     # the window shrinks towards the ends: those keep their curvature, and the heading gained stays the same
-    reach = np.clip(np.minimum(grid, s[-1] - grid), cell, 0.5 * options.window)
-    low, high = np.maximum(grid - reach, 0.0), np.minimum(grid + reach, s[-1])
+    half_window = np.clip(np.minimum(grid, s[-1] - grid), cell, 0.5 * WINDOW)
+    low, high = np.maximum(grid - half_window, 0.0), np.minimum(grid + half_window, s[-1])
     curvature = gear * (np.interp(high, s, theta) - np.interp(low, s, theta)) / (high - low)
     phi = np.clip(np.arctan(vehicle.wheelbase * curvature), -vehicle.phi_max, vehicle.phi_max)
 
     slope = np.abs(np.diff(phi)) / cell
     steepest = np.maximum(np.append(slope, 0.0), np.append(0.0, slope))
-    v_cap = options.w_fraction * vehicle.w_max / np.maximum(steepest, 1e-9)
-    v_cap = np.clip(v_cap, min(options.v_crawl, options.v_fraction * vehicle.v_max), options.v_fraction * vehicle.v_max)
+    v_cap = W_FRACTION * vehicle.w_max / np.maximum(steepest, NO_SLOPE)
+    v_max = V_FRACTION * vehicle.v_max
+    v_cap = np.clip(v_cap, min(V_CRAWL, v_max), v_max)
     v_cap[[0, -1]] = 0.0
-    a = options.a_fraction * vehicle.a_max
+    a = A_FRACTION * vehicle.a_max
     v = np.sqrt(np.maximum(slope_limited(v_cap**2, 2.0 * a * cell), 0.0))
     v[[0, -1]] = 0.0
     t = np.append(0.0, np.cumsum(2.0 * cell / (v[1:] + v[:-1])))
-    swing_time = min(math.sqrt(2.0 * options.swing_distance / a), t[-1] / 3.0)
+    swing_time = min(math.sqrt(2.0 * SWING_DISTANCE / a), t[-1] / 3.0)
     return Section(gear, grid, phi, v, t, swing_time)
 
 

@@ -1,1 +1,1 @@
-"""How well and how fast plans are made, method against method, on many scenarios: see `__main__`."""
+"""How well and how fast plans are made and the optimal control problem is solved, method against method."""

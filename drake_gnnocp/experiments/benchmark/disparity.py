@@ -1,4 +1,4 @@
-r"""Measures of a guess. The paper's: how far it is from the optimum that the solver made of it.
+r"""The paper's measure of a guess: how far it is from the optimum that the solver made of it.
 
 Cumulated over k = 1..N, N = 120 equal steps of their durations:
 
@@ -11,10 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
-from drake_gnnocp.ocp.dynamics import defects
-from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
@@ -38,22 +35,4 @@ def disparity(guess: Trajectory | None, optimum: Trajectory | None) -> Disparity
     off = guess.resampled(N_COMPARED).states - optimum.resampled(N_COMPARED).states
     theta = (off[:, State.THETA] + math.pi) % (2 * math.pi) - math.pi
     sums = (np.hypot(off[:, State.X], off[:, State.Y]), theta, off[:, State.V], off[:, State.PHI])
-    return Disparity(*(float(np.abs(each).sum()) for each in sums))
-
-
-def blocked_share(scenario: Scenario, guess: Trajectory | None) -> float:
-    """Share of a guess's knots at which the car touches an obstacle; NaN without a guess."""
-    if guess is None:
-        return math.nan
-    cars = shapely.polygons(scenario.vehicle.footprints(guess.poses))
-    touching = [shapely.intersects(polygon, cars) for polygon in scenario.polygons]
-    return float(np.any(touching, axis=0).mean()) if touching else 0.0
-
-
-def mean_gap(scenario: Scenario, guess: Trajectory | None) -> float:
-    """Mean distance by which a guess misses the kinematic model from one knot to the next [m]; NaN without one."""
-    if guess is None:
-        return math.nan
-    knots = np.hstack([guess.states, guess.inputs])
-    missed, _ = defects(knots, guess.duration / (len(guess) - 1), scenario.vehicle.wheelbase)
-    return float(np.hypot(missed[:, State.X], missed[:, State.Y]).mean())
+    return Disparity(*(float(np.abs(distance).sum()) for distance in sums))

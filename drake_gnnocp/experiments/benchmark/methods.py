@@ -1,36 +1,68 @@
-"""The methods that are compared: where the guess comes from; what follows is the same planner for all.
+"""The methods that are compared: ways to plan a task, and ways to solve the optimal control problem from a guess.
+
+Of planning, where the guess comes from; what follows is the same planner for all:
 
 - gnn: the network's best hypotheses, one after the other, and nothing else.
 - gnn_paper: the same with the paper's network.
 - hybrid_astar, rrt_star: the search with the speed planner.
 - auto: gnn, then Hybrid A* where that gave no verified plan.
 - gnn_direct, hybrid_astar_direct: what the guess is worth to Ipopt alone. The first guess goes straight to it, without
-  convex steps before it; no other hypothesis is looked at, and no second attempt made.
+  SQP steps before it; no other hypothesis is looked at, and no second attempt made.
+
+Of solving:
+
+- drake: ours, refined until it is verified.
+- casadi_mx, casadi_sx: the peer with its best settings, its graph mapped or expanded; one solve.
+- casadi_plain: casadi_mx with Ipopt's default options.
+- tutorial: Drake as a user would first write it; one solve.
 """
 
 from __future__ import annotations
 
-import hashlib
-import signal
-from collections.abc import Sequence
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from drake_gnnocp.experiments.benchmark.runs import Run, run_of_plan
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.experiments.benchmark.disparity import disparity
+from drake_gnnocp.experiments.benchmark.guesses import blocked_share, mean_defect
+from drake_gnnocp.experiments.benchmark.peers.problem import OurNumbers, PeerProblem, PeerSolution, peer_problem
+from drake_gnnocp.experiments.benchmark.runs import Key, Run
 from drake_gnnocp.experiments.benchmark.tasks import Task
-from drake_gnnocp.guesses.sources import GuessOptions, bundled_weights, check_available
-from drake_gnnocp.planner.planner import PlanOptions, plan
+from drake_gnnocp.guesses import Guess, GuessUnavailable
+from drake_gnnocp.guesses.learned import bundled_weights
+from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
+from drake_gnnocp.ocp.formulation import BOUNDS_MARGIN, END_SHARE, ROWS_WITHIN
+from drake_gnnocp.ocp.ipopt import FINISH, USUAL
+from drake_gnnocp.planner import FromGuess, Plan, PlanOptions, plan
+from drake_gnnocp.planner.attempt import attempt
+from drake_gnnocp.planner.options import source_named
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.verification import verify
 
 GNN, GNN_PAPER, HYBRID_ASTAR, RRT_STAR, AUTO = "gnn", "gnn_paper", "hybrid_astar", "rrt_star", "auto"
 GNN_DIRECT, HYBRID_ASTAR_DIRECT = "gnn_direct", "hybrid_astar_direct"
-METHODS = (GNN, HYBRID_ASTAR, RRT_STAR, AUTO, GNN_PAPER, GNN_DIRECT, HYBRID_ASTAR_DIRECT)
+PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR, AUTO, GNN_PAPER, GNN_DIRECT, HYBRID_ASTAR_DIRECT)
 DIRECT = {GNN_DIRECT: GNN, HYBRID_ASTAR_DIRECT: HYBRID_ASTAR}
 KINDS = {GNN_PAPER: GNN, **DIRECT}  # of the guess that the planner is asked for, where the method's name is another
-DIRECT_SHARE = 0.4  # of the time, for the network's guess: what the planner gives to the first of a search
+
+DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN, TUTORIAL = "drake", "casadi_mx", "casadi_sx", "casadi_plain", "tutorial"
+SOLVERS = (DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN, TUTORIAL)
+CASADI = (CASADI_MX, CASADI_SX)  # the peer is the faster of the two, task by task
+DRAKE_SUCCESS = ("Success", "Stop at acceptable point")
+STOP_NOTE = f"""\
+Stopped by progress: cost
+  within {USUAL.objective_change:.1%} and constraints within {USUAL.feasibility:g} m for {USUAL.settled_iterations}
+  iterations; where the SQP steps have converged, cost within {FINISH.objective_change:.1%} in one iteration."""
 WARM_UP_SECONDS = 5.0  # s, most for one method
+
+
+# ------------------------------------------------------------------------------------------------------------ planning
 
 
 @dataclass(frozen=True)
@@ -49,63 +81,211 @@ class Method:
     @property
     def weights(self) -> Path | None:
         """The file of the network, None where there is none in this method."""
-        return (self.options.guess.weights or bundled_weights()) if self.source == GNN else None
+        return (self.options.weights or bundled_weights()) if self.source == GNN else None
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What all runs of a folder have in common."""
-
-    max_seconds: float = 60.0  # s, wall-clock budget of a plan
-    seed: int = 0  # of RRT*; a repeat adds its number
-    weights: Path | None = None  # of gnn, gnn_direct and auto; None: those that come with the package
-
-    def to_dict(self, methods: Sequence[Method]) -> dict[str, object]:
-        """What must be the same whenever a folder's runs go on; weights by their content.
-
-        Raises:
-            OSError: a file of weights cannot be read.
-        """
-        files = {f"weights of {method.name}": method.weights for method in methods}
-        digests = {key: hashlib.sha256(path.read_bytes()).hexdigest() for key, path in files.items() if path}
-        return {"max_seconds": self.max_seconds, "seed": self.seed, **digests}
-
-
-def methods_named(names: Sequence[str], settings: Settings) -> list[Method]:
-    """Some of METHODS, with the seed and the weights of the settings."""
-    return [_method_named(name, settings) for name in names]
-
-
-def _method_named(name: str, settings: Settings) -> Method:
-    weights = bundled_weights("paper") if name == GNN_PAPER else settings.weights
-    options = PlanOptions(guess=GuessOptions(seed=settings.seed, weights=weights))
+def method_named(name: str, seed: int = 0, weights: Path | None = None) -> Method:
+    """One of PLANNERS, with a seed for RRT* and the weights of gnn, gnn_direct and auto (None: the package's)."""
+    options = PlanOptions(seed=seed, weights=bundled_weights("paper") if name == GNN_PAPER else weights)
     return Method(name, KINDS.get(name, name), direct(options) if name in DIRECT else options)
+
+
+def network_method(name: str, weights: Path, is_direct: bool) -> Method:
+    """Gnn or gnn_direct under another name, with the network in a file."""
+    return replace(method_named(GNN_DIRECT if is_direct else GNN, weights=weights), name=name)
 
 
 def direct(options: PlanOptions) -> PlanOptions:
     """Options with which the first guess goes straight to Ipopt, and nothing else is tried."""
-    refine = replace(options.refine, convex=replace(options.refine.convex, most_steps=0))
-    return replace(options, refine=refine, hypotheses=1, learned_share=DIRECT_SHARE, most_attempts=1)
+    return replace(options, sqp=False, hypotheses=1, most_attempts=1)
 
 
-def check_methods(methods: Sequence[Method]) -> None:
+def default_of(parameter: str) -> float:
+    """The planner's value of what `varied` can change."""
+    options = PlanOptions()
+    values = {"hypotheses": options.hypotheses, "knots": options.knots}
+    return {**values, "lambda2": options.cost.lambda2, "gamma": options.cost.gamma}[parameter]
+
+
+def varied(method: Method, parameter: str, value: float) -> Method:
+    """The method with another number of `hypotheses` or `knots`, or another weight `lambda2` or `gamma` of the cost."""
+    options = method.options
+    if parameter == "hypotheses":
+        return replace(method, options=replace(options, hypotheses=int(value)))
+    if parameter == "knots":
+        return replace(method, options=replace(options, knots=int(value)))
+    return replace(method, options=replace(options, cost=replace(options.cost, **{parameter: value})))
+
+
+def check_methods(methods: Iterable[Method]) -> None:
     """Raise GuessUnavailable where a method needs what is not there; `auto` needs weights here as well."""
     for method in methods:
-        check_available(method.source, method.options.guess)
+        source_named(method.source, method.options)
 
 
-def run_method(task: Task, method: Method, repeat: int, max_seconds: float) -> Run:
+def why_unavailable(method: Method) -> str:
+    """What a method needs that is not there, in one line; empty where it can be used."""
+    try:
+        check_methods([method])
+    except GuessUnavailable as error:
+        return " ".join(str(error).split())
+    return ""
+
+
+def planned(task: Task, method: Method, max_seconds: float, repeat: int = 0) -> Plan:
+    """The plan of a task by a method; `max_seconds` is the wall-clock budget [s]."""
+    options = replace(method.options, seed=method.options.seed + repeat)
+    return plan(task.scenario, method.kind, max_seconds=max_seconds, options=options)
+
+
+def run_planner(task: Task, method: Method, repeat: int, max_seconds: float) -> Run:
     """Plan a task with a method; `max_seconds` is the wall-clock budget [s]."""
-    guess = replace(method.options.guess, seed=method.options.guess.seed + repeat)
-    options = replace(method.options, guess=guess)
-    result = plan(task.scenario, method.kind, max_seconds=max_seconds, options=options)
-    return run_of_plan((*task.key, method.name, repeat), method.source, result)
+    key = (*task.key, "", method.name, repeat)
+    return run_of_plan(key, method.source, planned(task, method, max_seconds, repeat))
 
 
-def warm_up(methods: Sequence[Method]) -> None:
-    """Load what the methods load at their first call, so that no run pays for it; called once in every process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted benchmark finishes the runs under way
+def run_of_plan(key: Key, source: str, result: Plan) -> Run:
+    """The row of a plan that was asked for from a source of guesses."""
+    solves = [attempt for attempt in result.attempts if attempt.solver_status]
+    check, off = result.verification, disparity(result.guess, result.trajectory)
+    return Run(
+        *key,
+        guess_s=sum(attempt.guess_seconds for attempt in result.attempts),
+        build_s=sum(attempt.build_seconds for attempt in result.attempts),
+        solve_s=sum(attempt.solve_seconds for attempt in result.attempts),
+        total_s=result.total_seconds,
+        convex_steps=solves[0].sqp_steps if solves else 0,
+        first_iterations=solves[0].first_iterations if solves else 0,
+        iterations=sum(attempt.iterations for attempt in solves),
+        rounds=sum(1 + attempt.refinements for attempt in solves),
+        cost=result.cost.J if result.cost else math.nan,
+        verified=result.verified,
+        fallback=result.guess_source != source,
+        clearance_m=check.min_clearance_m if check else math.nan,
+        duration_s=result.trajectory.duration if result.trajectory else math.nan,
+        disparity_position=off.position,
+        disparity_theta=off.theta,
+        disparity_v=off.v,
+        disparity_phi=off.phi,
+        guess_blocked=blocked_share(result.scenario, result.guess),
+        guess_gap_m=mean_defect(result.scenario, result.guess),
+        status=result.status,
+        reason="; ".join(f"{attempt.source}: {attempt.reason}" for attempt in result.attempts if attempt.reason),
+    )
+
+
+def warm_up_planners(methods: Sequence[Method]) -> None:
+    """Load what the methods load at their first call, so that no run pays for it."""
+    for method in {(method.kind, method.weights): method for method in methods}.values():  # options load nothing else
+        run_planner(_warm_up_task(), method, 0, WARM_UP_SECONDS)
+
+
+def _warm_up_task() -> Task:
     block = np.array([[4.0, 2.0], [8.0, 2.0], [8.0, 4.0], [4.0, 4.0]])
-    task = Task(Scenario("warm up", np.zeros(3), np.array([12.0, 0.0, 0.0]), (block,)), "")
-    for method in {(each.kind, each.weights): each for each in methods}.values():  # options load nothing else
-        run_method(task, method, 0, WARM_UP_SECONDS)
+    return Task(Scenario("warm up", np.zeros(3), np.array([12.0, 0.0, 0.0]), (block,)), "")
+
+
+# ------------------------------------------------------------------------------------------------------------- solving
+
+
+def run_solver(key: Key, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
+    """Solve a scenario near the origin from a guess, with the one of SOLVERS that the key names.
+
+    Returns:
+        The row and the plan; cost and verification are computed here, for all solvers alike.
+    """
+    solve = _with_drake if key[3] == DRAKE else _with_peer
+    run, trajectory = solve(Run(*key), scenario, guess, max_seconds)
+    return checked(run, scenario, trajectory), trajectory
+
+
+def checked(run: Run, scenario: Scenario, trajectory: Trajectory) -> Run:
+    """The row with the cost and the verification of a trajectory."""
+    centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
+    check = verify(scenario, trajectory)
+    cost = evaluate_cost(trajectory, centroids, CostWeights()).J
+    reason = "; ".join(check.faults)
+    return replace(run, cost=cost, clearance_m=check.min_clearance_m, verified=check.verified, reason=reason)
+
+
+def warm_up_solvers() -> None:
+    """Load what the solvers load at their first call, so that no task pays for it."""
+    t = np.linspace(0.0, 12.0, 10)
+    states = np.zeros((10, 5))
+    states[:, 0], states[:, 3] = t, 1.0
+    task, guess = _warm_up_task(), Trajectory(t, states, np.zeros((10, 2)))
+    for solver in (DRAKE, *CASADI):
+        try:
+            run_solver((*task.key, "", solver, 0), task.scenario, guess, WARM_UP_SECONDS)
+        except ModuleNotFoundError:  # casadi is optional, and the command line has asked for it where it is needed
+            return
+
+
+def _with_drake(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
+    begin = time.perf_counter()
+    given = Guess("given", guess, is_timed=True)
+    result = attempt(scenario, given, FromGuess(), Budget.of(max_seconds), PlanOptions())
+    wall = time.perf_counter() - begin
+    if result.trajectory is None:
+        return replace(run, total_s=wall, status="no solve"), guess
+    made = replace(
+        run,
+        build_s=result.build_seconds,
+        solve_s=result.solve_seconds,
+        total_s=wall,
+        convex_steps=result.sqp_steps,
+        first_iterations=result.first_iterations,
+        iterations=result.iterations,
+        rounds=len(result.solves),
+        rows=result.solves[0].rows,
+        converged=result.solver_status in DRAKE_SUCCESS,
+        status=result.solver_status,
+    )
+    return made, result.trajectory
+
+
+def _with_peer(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
+    begin = time.perf_counter()
+    problem = peer_problem(scenario, guess, our_numbers())
+    chosen = time.perf_counter() - begin  # choosing the rows is part of building
+    solution = solver_named(run.method)(problem, max_seconds - chosen)
+    made = replace(
+        run,
+        build_s=chosen + solution.build_seconds,
+        solve_s=solution.solve_seconds,
+        total_s=time.perf_counter() - begin,
+        first_iterations=solution.iterations,
+        iterations=solution.iterations,
+        rounds=1,
+        rows=problem.n_rows,
+        converged=solution.success,
+        status=solution.status,
+    )
+    numbers = np.concatenate([solution.trajectory.states.ravel(), solution.trajectory.inputs.ravel()])
+    return made, solution.trajectory if np.isfinite(numbers).all() else guess  # solvers may return NaN
+
+
+def our_numbers() -> OurNumbers:
+    """What the peers' problem has in common with ours."""
+    options = PlanOptions()
+    weights, margins = options.cost, (ROWS_WITHIN, options.margin, BOUNDS_MARGIN, END_SHARE)
+    return OurNumbers(*margins, weights.lambda1, weights.lambda2, weights.gamma)
+
+
+def solver_named(name: str) -> Callable[[PeerProblem, float], PeerSolution]:
+    """One of SOLVERS that is a peer, as a function of the problem and the seconds that it may take."""
+    if name == TUTORIAL:
+        from drake_gnnocp.experiments.benchmark.peers.tutorial import solve_tutorial
+
+        return solve_tutorial
+    from drake_gnnocp.experiments.benchmark.peers.casadi_peer import PLAIN, TUNED, solve_with_casadi
+
+    limit = {"max_iter": USUAL.max_iterations}
+    progress = {  # the rule to stop by progress is ours, number for number
+        "acceptable_constr_viol_tol": USUAL.feasibility,
+        "acceptable_compl_inf_tol": USUAL.complementarity,
+        "acceptable_obj_change_tol": USUAL.objective_change,
+        "acceptable_iter": USUAL.settled_iterations,
+    }
+    settings = PLAIN | limit if name == CASADI_PLAIN else TUNED | progress | limit
+    return lambda problem, seconds: solve_with_casadi(problem, name == CASADI_SX, seconds, settings)

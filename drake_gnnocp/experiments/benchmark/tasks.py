@@ -1,6 +1,6 @@
-"""The scenarios of the benchmark: bundled ones, files, and random tasks on maps that no network was trained on.
+"""The scenarios of the benchmarks: bundled ones, files, random tasks, and tasks on maps that no network was trained on.
 
-Random tasks are drawn as those of the dataset are, on its test maps, but not read from it: it holds only what Hybrid A*
+The last are drawn as those of the dataset are, on its test maps, but not read from it: it holds only what Hybrid A*
 could solve. They are taken round-robin: the first pair of start and goal of every map, then the second one.
 """
 
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings
 from drake_gnnocp.experiments.dataset.records import split_of
 from drake_gnnocp.experiments.tasks.draw import draw_place, draw_task, kind_of
+from drake_gnnocp.experiments.tasks.open_maps import random_task
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
@@ -37,12 +38,18 @@ class Task:
     """A scenario and where it is from."""
 
     scenario: Scenario
-    kind: str  # one of NAMED, or the kind of the place it was drawn on
+    kind: str  # one of NAMED, the kind of the place it was drawn on, or the seed of random tasks
 
     @property
     def key(self) -> tuple[str, str]:
         """What it is told apart by."""
         return self.scenario.name, self.kind
+
+    @property
+    def local(self) -> Scenario:
+        """The scenario with its start at the origin, as the solvers want it."""
+        x0, y0, _ = self.scenario.start
+        return self.scenario.translated(-x0, -y0)
 
 
 def named_tasks(sources: list[str]) -> list[Task]:
@@ -59,6 +66,11 @@ def named_tasks(sources: list[str]) -> list[Task]:
             raise ValueError(f"{source}: name: another file's scenario is called {task.scenario.name!r} as well")
         tasks[task.key] = task
     return list(tasks.values())
+
+
+def random_tasks(seed: int, n: int) -> list[Task]:
+    """The first n random tasks of a seed, see `drake_gnnocp.experiments.tasks.open_maps`."""
+    return [Task(random_task(seed, i), f"random, seed {seed}") for i in range(n)]
 
 
 def drawn_tasks(n: int) -> list[Task]:

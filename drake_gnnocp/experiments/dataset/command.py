@@ -5,20 +5,26 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count
+from drake_gnnocp.command_line import OneLineParser, count, reported
 from drake_gnnocp.experiments.dataset.datasheet import write_datasheet
-from drake_gnnocp.experiments.dataset.generate import DatasetError, DatasetSettings, generate, load_dataset, settings_of
+from drake_gnnocp.experiments.dataset.generate import (
+    DatasetError,
+    DatasetSettings,
+    MakeMap,
+    generate,
+    load_dataset,
+    make_map,
+    settings_of,
+)
 from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improving, origin_of
 from drake_gnnocp.experiments.single_thread import single_threaded_children
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.files import first_line
-from drake_gnnocp.guesses.sources import GuessUnavailable
 
 DEFAULTS = DatasetSettings()
 
@@ -35,20 +41,10 @@ def _parser() -> argparse.ArgumentParser:
     pairs = "pairs of start and goal on each map (default: %(default)s)"
     add("--pairs", type=count, default=DEFAULTS.pairs, metavar="N", help=pairs)
     add("--seed", type=count, default=DEFAULTS.seed, metavar="N", help="seed of everything (default: %(default)s)")
-    add(
-        "--kinds",
-        nargs="+",
-        choices=KINDS,
-        default=list(KINDS),
-        help="make only maps of these kinds now (default: all)",
-    )
-    add(
-        "--jobs",
-        type=count,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes (default: %(default)s, the cores)",
-    )
+    kinds = "make only maps of these kinds now (default: all)"
+    add("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help=kinds)
+    jobs = "processes (default: %(default)s, the cores)"
+    add("--jobs", type=count, default=os.cpu_count() or 1, metavar="N", help=jobs)
     add("--dask", metavar="ADDRESS", help="a Dask cluster instead of processes, such as tcp://host:8786")
     improve = (
         "solve the tasks of the dataset in DIR, all of them whatever --maps, --pairs and --seed say, again from a "
@@ -80,29 +76,31 @@ def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
-    improve: Path | None = arguments.improve
-    if arguments.weights and not improve:
-        print("--weights: only with --improve", file=sys.stderr)
-        return BAD_INPUT
-    if improve and improve.resolve() == arguments.out.resolve():
-        print("--improve: choose another --out; the dataset itself is not changed", file=sys.stderr)
-        return BAD_INPUT
-    try:
-        if improve:
-            options = ImproveOptions(arguments.weights)
-            settings, make = settings_of(improve), improving(improve, options)
-            origin = origin_of(improve, options)
-        else:
-            settings, make = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs), None
-            origin = ""
-        with _executor(max(1, arguments.jobs), arguments.dask) as executor:
-            generate(settings, tuple(arguments.kinds), arguments.out, executor, make, origin)
-        write_datasheet(load_dataset(arguments.out), arguments.out)
-    except (DatasetError, GuessUnavailable) as error:
-        print(error, file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or arguments.out}: {error.strerror or error}", file=sys.stderr)
-        return BAD_INPUT
-    print(f"written to {arguments.out}")
-    return DONE
+    settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
+    executor = _executor(max(1, arguments.jobs), arguments.dask)
+    made = _made(settings, tuple(arguments.kinds), arguments.out, executor, arguments.improve, arguments.weights)
+    return reported(made, arguments.out)
+
+
+def _made(
+    settings: DatasetSettings,
+    kinds: tuple[str, ...],
+    out: Path,
+    executor: AbstractContextManager[Executor],
+    improve: Path | None,
+    weights: Path | None,
+) -> Iterator[str]:
+    make: MakeMap = make_map
+    origin = ""
+    if weights and not improve:
+        raise ValueError("--weights: only with --improve")
+    if improve:
+        if improve.resolve() == out.resolve():
+            raise ValueError("--improve: choose another --out; the dataset itself is not changed")
+        options = ImproveOptions(weights)
+        settings, make, origin = settings_of(improve), improving(improve, options), origin_of(improve, options)
+    with executor as workers:
+        generate(settings, kinds, out, workers, make, origin)
+    records = load_dataset(out)
+    write_datasheet(records, out)
+    yield f"{len(records)} maps, {sum(len(record.trajectories) for record in records)} verified trajectories"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from drake_gnnocp.experiments.dataset.label import LEARNED, OUTCOMES, LabelOptio
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord
 from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS
 from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.experiments.text import markdown_table
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures import style
 from drake_gnnocp.trajectory import Trajectory
@@ -23,18 +23,39 @@ from drake_gnnocp.vehicle import State
 FIGURE_SIZE = (7.2, 5.6)  # inch
 BINS = 40
 REST = 1e-3  # m/s, slower is standing
+WHOLE = ("gear changes", "obstacles on the map")  # columns of whole numbers
+COLUMNS = ("duration [s]", "start to goal [m]", "length of the path [m]", "gear changes", "cost J", WHOLE[1])
 
+Numbers = dict[str, np.ndarray]  # by column, a number for every kept trajectory: (S,) each
 
-@dataclass(frozen=True)
-class Numbers:
-    """One number a kept trajectory: (S,) each."""
+TEXT = """\
+# Verified trajectories on random maps
 
-    durations: np.ndarray  # s
-    distances: np.ndarray  # m, start to goal as the crow flies
-    lengths: np.ndarray  # m, of the path
-    gear_changes: np.ndarray
-    costs: np.ndarray  # J
-    obstacles: np.ndarray  # on the map
+![distributions](datasheet.png)
+
+## How it was made
+
+`python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two of three of
+the first {paper_maps} maps are open ones with rectangles and irregular polygons on 40 m x 40 m, as in the paper; the
+third, and every map after them, is a car park or a yard, half of these with a car of other size and limits. Every task
+is searched by Hybrid A*, given a minimum-effort timing with {slack:g} times the duration of its speed plan, optimised
+on 120 knots, and kept if the independent dense check has verified the plan. Time limits are {search_seconds:g} s for
+the search and {solve_seconds:g} s for the solver, so which tasks fail depends a little on the machine ({machine}).
+{improvement}
+## What is in it
+
+{maps} maps, {tasks} tasks, **{kept} verified trajectories**, {megabytes:.1f} MB. Maps, never samples, are split: of ten
+consecutive maps eight are for training, one for validation, one for the test.
+
+{outcomes}
+{distributions}
+Format: see `drake_gnnocp/experiments/dataset/records.py`; `load_dataset` in `generate.py` beside it reads it. States
+and inputs are float32. Mirrored and reversed in time, every trajectory is again a solution: training uses both.
+"""
+IMPROVEMENT = """
+Then `--improve` solved tasks again from a network's hypotheses: {labels} labels on {maps} maps, numbers {first} to
+{last}, are of cheaper plans of the same duration, or of tasks that Hybrid A* had not solved.
+"""
 
 
 def write_datasheet(records: Sequence[MapRecord], folder: Path) -> None:
@@ -52,7 +73,7 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
     rows = [
         (
             trajectory.duration,
-            float(np.hypot(*(task.goal - task.start)[:2])),
+            float(np.hypot(*(task.goal - task.start)[:2])),  # as the crow flies
             trajectory.path_length,
             _gear_changes(trajectory),
             label.cost,
@@ -62,7 +83,7 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
         for task, label in zip(record.tasks, record.labels, strict=True)
         if (trajectory := label.trajectory) is not None
     ]
-    return Numbers(*np.array(rows, dtype=float).reshape(-1, 6).T)
+    return dict(zip(COLUMNS, np.array(rows, dtype=float).reshape(-1, len(COLUMNS)).T, strict=True))
 
 
 def _gear_changes(trajectory: Trajectory) -> int:
@@ -73,93 +94,51 @@ def _gear_changes(trajectory: Trajectory) -> int:
 def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
     """The datasheet as Markdown; size of all files [bytes]."""
     options = LabelOptions()
-    attempted = sum(len(record.labels) for record in records)
-    lines = [
-        "# Verified trajectories on random maps",
-        "",
-        "![distributions](datasheet.png)",
-        "",
-        "## How it was made",
-        "",
-        "`python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two",
-        f"of three of the first {PAPER_MAPS} maps are open ones with rectangles and irregular polygons on 40 m x 40 m,",
-        "as in the paper; the third, and every map after them, is a car park or a yard, half of these with a car of",
-        f"other size and limits. Every task is searched by Hybrid A*, timed gently with {options.slack:g} times the",
-        "duration of its speed plan, optimised on 120 knots, kept if the independent dense check has verified the",
-        f"plan. Time limits are {options.search_seconds:g} s for the search and {options.solve_seconds:g} s for the",
-        f"solver, so which tasks fail depends a little on the machine ({platform.machine()}).",
-        "",
-        *_improvement(records),
-        "## What is in it",
-        "",
-        f"{len(records)} maps, {attempted} tasks, **{len(numbers.costs)} verified trajectories**, {size / 1e6:.1f} MB.",
-        "Maps, never samples, are split: of ten consecutive maps eight are for training, one for validation, one for",
-        "the test.",
-        "",
-        "| maps | " + " | ".join(("number", "tasks", *OUTCOMES)) + " |",
-        "|---" * (3 + len(OUTCOMES)) + "|",
-        *(_row(kind, [r for r in records if r.place.kind == kind]) for kind in KINDS),
-        *(
-            _row(f"{split}: {kind}", [r for r in records if (r.split, r.place.kind) == (split, kind)])
-            for split in SPLITS
-            for kind in KINDS
+    groups = {kind: [record for record in records if record.place.kind == kind] for kind in KINDS}
+    for split in SPLITS:
+        groups |= {f"{split}: {kind}": [record for record in groups[kind] if record.split == split] for kind in KINDS}
+    groups["**all**"] = list(records)
+    percentiles = {name: np.percentile(values, [5, 50, 95]) for name, values in numbers.items() if len(values)}
+    return TEXT.format(
+        paper_maps=PAPER_MAPS,
+        slack=options.plan.slack,
+        search_seconds=options.search_seconds,
+        solve_seconds=options.solve_seconds,
+        machine=platform.machine(),
+        improvement=_improvement(records),
+        maps=len(records),
+        tasks=sum(len(record.labels) for record in records),
+        kept=sum(len(record.trajectories) for record in records),
+        megabytes=size / 1e6,
+        outcomes=markdown_table(("maps", "number", "tasks", *OUTCOMES), [_row(*group) for group in groups.items()]),
+        distributions=markdown_table(
+            ("of a kept trajectory", "5 %", "median", "95 %"),
+            [(name, *(f"{value:.3g}" for value in values)) for name, values in percentiles.items()],
         ),
-        _row("**all**", list(records)),
-        "",
-        "| of a kept trajectory | 5 % | median | 95 % |",
-        "|---|---|---|---|",
-        *(
-            f"| {name} | " + " | ".join(f"{value:.3g}" for value in np.percentile(values, [5, 50, 95])) + " |"
-            for name, values in _columns(numbers)
-            if len(values)
-        ),
-        "",
-        "Format: see `drake_gnnocp/dataset/records.py`; `drake_gnnocp.dataset.generate.load_dataset` reads it.",
-        "States and inputs are float32. Mirrored and reversed in time, every trajectory is again a solution: training",
-        "uses both.",
-        "",
-    ]
-    return "\n".join(lines)
+    )
 
 
-def _improvement(records: Sequence[MapRecord]) -> list[str]:
-    learned = [record for record in records if any(label.source == LEARNED for label in record.labels)]
-    if not learned:
-        return []
-    n = sum(label.source == LEARNED for record in learned for label in record.labels)
-    return [
-        f"Then `--improve` solved tasks again from a network's hypotheses: {n} labels on {len(learned)} maps, numbers",
-        f"{learned[0].index} to {learned[-1].index}, are of cheaper plans of the same duration, or of tasks that",
-        "Hybrid A* had not solved.",
-        "",
-    ]
+def _improvement(records: Sequence[MapRecord]) -> str:
+    improved = [record.index for record in records for label in record.labels if label.source == LEARNED]
+    if not improved:
+        return ""
+    maps = len(set(improved))
+    return IMPROVEMENT.format(labels=len(improved), maps=maps, first=min(improved), last=max(improved))
 
 
-def _row(name: str, records: list[MapRecord]) -> str:
+def _row(name: str, records: list[MapRecord]) -> tuple[str, ...]:
     counts = Counter(label.outcome for record in records for label in record.labels)
-    tasks = sum(counts.values())
+    tasks = counts.total()
     cells = [f"{counts[outcome]} ({counts[outcome] / max(tasks, 1):.1%})" for outcome in OUTCOMES]
-    return "| " + " | ".join((name, str(len(records)), str(tasks), *cells)) + " |"
-
-
-def _columns(numbers: Numbers) -> list[tuple[str, np.ndarray]]:
-    return [
-        ("duration [s]", numbers.durations),
-        ("start to goal [m]", numbers.distances),
-        ("length of the path [m]", numbers.lengths),
-        ("gear changes", numbers.gear_changes),
-        ("cost J", numbers.costs),
-        ("obstacles on the map", numbers.obstacles),
-    ]
+    return name, str(len(records)), str(tasks), *cells
 
 
 def draw_distributions(axes: Sequence[Axes], numbers: Numbers) -> Sequence[Axes]:
     """Histograms of what the datasheet's second table lists, on six axes."""
-    for ax, (name, values) in zip(axes, _columns(numbers), strict=True):
+    for ax, (name, values) in zip(axes, numbers.items(), strict=True):
         style.dress(ax)
         top = float(np.percentile(values, 99)) if len(values) else 1.0
-        whole = name in ("gear changes", "obstacles on the map")
-        bins = np.arange(-0.5, top + 1.5) if whole else np.linspace(0.0, max(top, 1e-9), BINS)
+        bins = np.arange(-0.5, top + 1.5) if name in WHOLE else np.linspace(0.0, max(top, 1e-9), BINS)
         ax.hist(values.clip(max=top), bins=bins.tolist(), color=style.PLAN)
         ax.set_xlabel(name, fontsize=style.LABEL_SIZE)
     return axes

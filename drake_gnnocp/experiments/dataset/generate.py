@@ -44,12 +44,19 @@ class DatasetSettings:
 MakeMap = Callable[[DatasetSettings, int], MapRecord]
 
 
+def make_map(settings: DatasetSettings, index: int) -> MapRecord:
+    """Draw map `index` and solve its tasks; called in the executor's workers."""
+    place = draw_place(settings.seed, index)
+    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
+    return MapRecord(index, place, tuple(tasks), tuple(label(task, LabelOptions()) for task in tasks))
+
+
 def generate(
     settings: DatasetSettings,
     kinds: tuple[str, ...],
     folder: Path,
     executor: Executor,
-    make: MakeMap | None = None,
+    make: MakeMap = make_map,
     origin: str = "",
 ) -> None:
     """Make the maps that are not in the folder yet.
@@ -59,7 +66,7 @@ def generate(
         kinds: of the maps to make now.
         folder: of the dataset; made where it is missing.
         executor: any with the interface of `concurrent.futures`; maps are its jobs.
-        make: makes a map from the settings and its index, in the executor's workers; `make_map` where None.
+        make: makes a map from the settings and its index, in the executor's workers.
         origin: what else `make` depends on; a dataset goes on with the same only.
 
     Raises:
@@ -70,7 +77,7 @@ def generate(
         (folder / name).mkdir(parents=True, exist_ok=True)
     check_settings(folder, settings, origin)
     missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
-    jobs: set[Future[MapRecord]] = {executor.submit(make or make_map, settings, index) for index in missing}
+    jobs: set[Future[MapRecord]] = {executor.submit(make, settings, index) for index in missing}
     try:
         for job in tqdm(as_completed(jobs), total=len(jobs), unit="map", smoothing=0.05):
             _store(job, folder, settings)
@@ -85,13 +92,6 @@ def _store(job: Future[MapRecord], folder: Path, settings: DatasetSettings) -> N
     record = job.result()
     save_records(_part(folder, record.index), [record])
     _merge(folder, settings, record.index // MAPS_PER_SHARD)
-
-
-def make_map(settings: DatasetSettings, index: int) -> MapRecord:
-    """Draw map `index` and solve its tasks; called in the executor's workers."""
-    place = draw_place(settings.seed, index)
-    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
-    return MapRecord(index, place, tuple(tasks), tuple(label(task, LabelOptions()) for task in tasks))
 
 
 def load_dataset(folder: Path) -> list[MapRecord]:

@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import hashlib
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings, load_map
 from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, Label, LabelOptions, label_of
 from drake_gnnocp.experiments.dataset.records import MapRecord
-from drake_gnnocp.guesses.sources import GuessOptions, bundled_weights, check_available, gnn_guesses
-from drake_gnnocp.ocp.convex_step import ConvexSteps
-from drake_gnnocp.ocp.cost import evaluate_cost
-from drake_gnnocp.ocp.refine import optimise, take_convex_steps
+from drake_gnnocp.guesses import Guess, Learned, NoGuess
+from drake_gnnocp.guesses.learned import bundled_weights
+from drake_gnnocp.ocp.costs import evaluate_cost
+from drake_gnnocp.ocp.formulation import formulate
+from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
+from drake_gnnocp.planner import FromGuess
+from drake_gnnocp.planner.attempt import attempt
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.timing.minimum_effort import with_duration
 from drake_gnnocp.trajectory import Trajectory
@@ -37,7 +39,7 @@ class ImproveOptions:
     weights: Path | None = None  # of the network; None: those that come with the package
     hypotheses: int = 4  # that are looked at
     same: float = 0.5  # m, from the label at most, everywhere: such hypotheses lead to it again and are passed over
-    solves: int = 2  # of them, the cheapest after their convex steps, at most
+    solves: int = 2  # of them, the cheapest after their SQP steps, at most
     cheaper: float = 0.99  # of the label's cost: what is worth another way
     labels: LabelOptions = LabelOptions()
 
@@ -48,7 +50,7 @@ def improving(dataset: Path, options: ImproveOptions) -> Callable[[DatasetSettin
     Raises:
         GuessUnavailable: there are no weights.
     """
-    check_available("gnn", GuessOptions(weights=options.weights))
+    Learned(options.labels.plan.knots, options.weights).check_available()
     return partial(improved_map, dataset=dataset, options=options)
 
 
@@ -74,23 +76,24 @@ def improved_label(scenario: Scenario, label: Label, options: ImproveOptions) ->
         options: see `ImproveOptions`.
     """
     x0, y0, _ = scenario.start
-    local = scenario.translated(-x0, -y0)
-    refine, best = options.labels.refine, label
-    deadline = time.monotonic() + options.labels.solve_seconds
-    settled: list[tuple[float, Trajectory, ConvexSteps]] = []
-    for hypothesis in islice(gnn_guesses(local, GuessOptions(weights=options.weights)), options.hypotheses):
-        # the same duration for all: more time always costs less
-        guess = with_duration(hypothesis, label.trajectory.duration) if label.trajectory else hypothesis
-        if label.trajectory and _farthest(guess, label.trajectory.translated(-x0, -y0)) < options.same:
+    local, plan, best = scenario.translated(-x0, -y0), options.labels.plan, label
+    budget = Budget.of(options.labels.solve_seconds)
+    converged: list[tuple[float, Guess, SqpSteps]] = []
+    for guess in Learned(plan.knots, options.weights, options.hypotheses).guesses(local, budget):
+        if isinstance(guess, NoGuess):
             continue
-        stepped = take_convex_steps(local, guess, refine, deadline)
-        if stepped.settled:
-            cost = evaluate_cost(stepped.trajectory, local.centroids, refine.problem.weights).J
-            settled.append((cost, guess, stepped))
-    for cost, guess, stepped in sorted(settled, key=lambda each: each[0])[: options.solves]:
+        if label.trajectory:  # the same duration for all: more time always costs less
+            guess = replace(guess, trajectory=with_duration(guess.trajectory, label.trajectory.duration))
+            if _farthest(guess.trajectory, label.trajectory.translated(-x0, -y0)) < options.same:
+                continue
+        steps = sqp_steps(formulate(local, guess.trajectory, plan.cost, plan.margin), SEARCHED, budget)
+        if steps.converged:
+            cost = evaluate_cost(steps.trajectory, local.centroids, plan.cost).J
+            converged.append((cost, guess, steps))
+    for cost, guess, steps in sorted(converged, key=lambda candidate: candidate[0])[: options.solves]:
         known = best.cost if best.outcome == KEPT else math.inf
         if cost < options.cheaper * known:
-            found = label_of(optimise(local, guess, refine, deadline, stepped), scenario)
+            found = label_of(attempt(local, guess, FromGuess(), budget, plan, steps), scenario)
             if found.outcome == KEPT and found.cost < options.cheaper * known:
                 best = replace(found, source=LEARNED)
     return best

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
-from drake_gnnocp.guesses.sources import GuessOptions, hybrid_astar_guess
-from drake_gnnocp.ocp.refine import Optimised, RefineOptions, optimise
-from drake_gnnocp.planner.planner import PlanOptions
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses import HybridAStar, NoGuess
+from drake_gnnocp.planner import Attempt, FromGuess, PlanOptions
+from drake_gnnocp.planner.attempt import attempt
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.timing.minimum_effort import gently_timed
 from drake_gnnocp.trajectory import Trajectory
 
 KEPT, NO_PATH, UNVERIFIED, TOO_LONG = "kept", "no path", "unverified", "too long"  # also for its knots
@@ -21,9 +20,7 @@ SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 class LabelOptions:
     """How a task is solved."""
 
-    guess: GuessOptions = GuessOptions()
-    refine: RefineOptions = RefineOptions()
-    slack: float = PlanOptions().slack  # duration given to the optimiser over the guess's, the planner's
+    plan: PlanOptions = PlanOptions()
     search_seconds: float = 8.0  # s, most for Hybrid A*
     solve_seconds: float = 15.0  # s, most for the optimal control problem
     longest: float = 150.0  # s, of a trajectory: longer ones are left out
@@ -50,20 +47,21 @@ def label(scenario: Scenario, options: LabelOptions) -> Label:
     """
     x0, y0, _ = scenario.start
     local = scenario.translated(-x0, -y0)
-    found = hybrid_astar_guess(local, options.guess, time.monotonic() + options.search_seconds).trajectory
-    if found is None:
+    source = HybridAStar(options.plan.knots, options.plan.search)
+    guess = next(source.guesses(local, Budget.of(options.search_seconds)))
+    if isinstance(guess, NoGuess):
         return Label(NO_PATH)
-    if options.slack * found.duration > options.longest or len(found) != options.guess.n_knots:
+    is_long = options.plan.slack * guess.trajectory.duration > options.longest
+    if is_long or len(guess.trajectory) != options.plan.knots:
         return Label(TOO_LONG)
-    guess = gently_timed(found, options.slack * found.duration, local.vehicle)
-    plan = optimise(local, guess, options.refine, time.monotonic() + options.solve_seconds)
-    return label_of(plan, scenario)
+    made = attempt(local, guess, FromGuess(), Budget.of(options.solve_seconds), options.plan, closely=False)
+    return label_of(made, scenario)
 
 
-def label_of(plan: Optimised, scenario: Scenario) -> Label:
-    """The label that an optimised plan, made in the frame of the start, is for a scenario."""
-    first = plan.rounds[0].iterations if plan.rounds else 0
-    if not plan.verification.verified:
-        return Label(UNVERIFIED, None, plan.cost.J, first, len(plan.rounds))
+def label_of(made: Attempt, scenario: Scenario) -> Label:
+    """The label that an attempt, made in the frame of the start, is for a scenario."""
+    cost = float("nan") if made.cost is None else made.cost.J
+    if not made.verified or made.trajectory is None:
+        return Label(UNVERIFIED, None, cost, made.first_iterations, len(made.solves))
     x0, y0, _ = scenario.start
-    return Label(KEPT, plan.trajectory.translated(x0, y0), plan.cost.J, first, len(plan.rounds))
+    return Label(KEPT, made.trajectory.translated(x0, y0), cost, made.first_iterations, len(made.solves))

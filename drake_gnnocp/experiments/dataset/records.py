@@ -41,6 +41,11 @@ class MapRecord:
         """One of SPLITS: maps, never samples, are split."""
         return split_of(self.index)
 
+    @property
+    def trajectories(self) -> list[Trajectory]:
+        """Those of the tasks that were solved."""
+        return [label.trajectory for label in self.labels if label.trajectory is not None]
+
 
 def split_of(index: int) -> str:
     """The split of map `index`: of ten maps two are for validation and for the test.
@@ -107,9 +112,9 @@ def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
     places = [record.place for record in records]
     rings = [ring for place in places for ring in place.obstacles]
     tasks = [task for record in records for task in record.tasks]
-    labels = [each for record in records for each in record.labels]
-    kept = [each.trajectory for each in labels if each.trajectory is not None]
-    knots = [np.hstack([each.states, each.inputs]) for each in kept]
+    labels = [label for record in records for label in record.labels]
+    kept = [trajectory for record in records for trajectory in record.trajectories]
+    knots = [np.hstack([trajectory.states, trajectory.inputs]) for trajectory in kept]
     return {
         "map_index": np.array([record.index for record in records]),
         "map_kind": np.array([place.kind for place in places]),
@@ -124,11 +129,11 @@ def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
         "task_name": np.array([task.name for task in tasks], dtype=str),
         "task_start": np.array([task.start for task in tasks]).reshape(-1, 3),
         "task_goal": np.array([task.goal for task in tasks]).reshape(-1, 3),
-        "task_outcome": np.array([each.outcome for each in labels], dtype=str),
-        "task_cost": np.array([each.cost for each in labels], dtype=float),
-        "task_iterations": np.array([each.iterations for each in labels], dtype=int),
-        "task_rounds": np.array([each.rounds for each in labels], dtype=int),
-        "task_source": np.array([each.source for each in labels], dtype=str),
-        "duration": np.array([each.duration for each in kept], dtype=float),
+        "task_outcome": np.array([label.outcome for label in labels], dtype=str),
+        "task_cost": np.array([label.cost for label in labels], dtype=float),
+        "task_iterations": np.array([label.iterations for label in labels], dtype=int),
+        "task_rounds": np.array([label.rounds for label in labels], dtype=int),
+        "task_source": np.array([label.source for label in labels], dtype=str),
+        "duration": np.array([trajectory.duration for trajectory in kept], dtype=float),
         "knots": np.array(knots, dtype=np.float32).reshape(len(kept), -1, 7) if kept else np.zeros((0, 2, 7)),
     }

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from drake_gnnocp.experiments.figures.sheet import SMALL, TEXT, draw_arrow
+from drake_gnnocp.experiments.figures.sheet import SMALL, TEXT, WHITE, draw_arrow
 from drake_gnnocp.pictures import style
 
 LINE = 0.125  # inch, from one line of small text to the next
@@ -33,51 +34,25 @@ class Box:
         """A point by its shares of width and height: (0, 0.5) is the middle of the left side."""
         return self.x + across * self.width, self.y + up * self.height
 
-    @property
-    def left(self) -> Point:
-        """Middle of the left side."""
-        return self.at(0.0, 0.5)
-
-    @property
-    def right(self) -> Point:
-        """Middle of the right side."""
-        return self.at(1.0, 0.5)
-
-    @property
-    def top(self) -> Point:
-        """Middle of the upper side."""
-        return self.at(0.5, 1.0)
-
-    @property
-    def bottom(self) -> Point:
-        """Middle of the lower side."""
-        return self.at(0.5, 0.0)
+    left = property(lambda box: box.at(0.0, 0.5))  # the middles of the sides
+    right = property(lambda box: box.at(1.0, 0.5))
+    top = property(lambda box: box.at(0.5, 1.0))
+    bottom = property(lambda box: box.at(0.5, 0.0))
 
 
 def diagram(width: float, height: float) -> tuple[Figure, Axes]:
     """A figure of width x height with one invisible axes in inches."""
     figure = style.new_figure(width, height)
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    ax.set_xlim(0.0, width)
-    ax.set_ylim(0.0, height)
+    ax.set(xlim=(0.0, width), ylim=(0.0, height))
     ax.axis("off")
     return figure, ax
 
 
 def draw_box(ax: Axes, box: Box) -> Axes:
     """Draw a box with its text, centred."""
-    ax.add_patch(
-        FancyBboxPatch(
-            (box.x, box.y),
-            box.width,
-            box.height,
-            boxstyle="round,pad=0,rounding_size=0.05",
-            facecolor=(*to_rgb(box.color), 0.12),
-            edgecolor=box.color,
-            linewidth=1.1,
-            linestyle="--" if box.dashed else "-",
-        )
-    )
+    fill, line = (*to_rgb(box.color), 0.12), "--" if box.dashed else "-"
+    ax.add_patch(_rounded(box.x, box.y, box.width, box.height, facecolor=fill, edgecolor=box.color, lw=1.1, ls=line))
     x, middle = box.at(0.5, 0.5)
     first = middle + LINE * len(box.lines) / 2
     ax.text(x, first, box.title, ha="center", va="center", fontsize=TEXT, fontweight="bold")
@@ -88,11 +63,7 @@ def draw_box(ax: Axes, box: Box) -> Axes:
 
 def draw_frame(ax: Axes, x: float, y: float, width: float, height: float, title: str) -> Axes:
     """A thin frame around boxes that belong together, titled at its upper left."""
-    ax.add_patch(
-        FancyBboxPatch(
-            (x, y), width, height, boxstyle="round,pad=0,rounding_size=0.05", fill=False, ec=style.OBSTACLE, lw=0.8
-        )
-    )
+    ax.add_patch(_rounded(x, y, width, height, fill=False, edgecolor=style.OBSTACLE, lw=0.8))
     ax.text(x + 0.08, y + height - 0.05, title, ha="left", va="top", fontsize=TEXT, color=style.OBSTACLE_EDGE)
     return ax
 
@@ -106,6 +77,9 @@ def draw_way(ax: Axes, *points: Point, color: str = "#333333", dashed: bool = Fa
 
 def draw_note(ax: Axes, x: float, y: float, text: str, color: str = "#333333", align: str = "center") -> Axes:
     """Small text beside an arrow, on white."""
-    white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-    ax.text(x, y, text, ha=align, va="center", fontsize=SMALL, color=color, bbox=white)
+    ax.text(x, y, text, ha=align, va="center", fontsize=SMALL, color=color, bbox=WHITE | {"pad": 1.0})
     return ax
+
+
+def _rounded(x: float, y: float, width: float, height: float, **look: Any) -> FancyBboxPatch:
+    return FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0,rounding_size=0.05", **look)

@@ -5,17 +5,40 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
-from drake_gnnocp.experiments.figures.catalogue import FIGURES
+from drake_gnnocp.experiments.figures.car import vehicle_figure
+from drake_gnnocp.experiments.figures.comparison import disparity_figure, error_along_figure, states_figure
+from drake_gnnocp.experiments.figures.diagrams import framework_figure, network_figure
+from drake_gnnocp.experiments.figures.interpolation import interpolation_figure
+from drake_gnnocp.experiments.figures.maps import overview_figure, process_figure, test_maps_figure
 from drake_gnnocp.experiments.figures.plans import Plans, Skipped
-from drake_gnnocp.guesses.sources import GuessUnavailable, load_network
+from drake_gnnocp.experiments.figures.triangles import triangle_area_figure
+from drake_gnnocp.experiments.figures.vectors import vectorisation_figure
+from drake_gnnocp.guesses import GuessUnavailable
+from drake_gnnocp.guesses.learned import load_network
 from drake_gnnocp.pictures.style import save_figure
 
 FORMATS = ("png", "pdf")
+FIGURES: dict[str, Callable[[Plans], Figure]] = {  # the first line of their docstrings says what they show
+    "framework": framework_figure,
+    "network": network_figure,
+    "vectorisation": vectorisation_figure,
+    "vehicle": vehicle_figure,
+    "triangle_area": triangle_area_figure,
+    "test_maps": test_maps_figure,
+    "process": process_figure,
+    "states": states_figure,
+    "disparity": disparity_figure,
+    "interpolation": interpolation_figure,
+    "error_along": error_along_figure,
+    "overview": overview_figure,
+}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -31,19 +54,10 @@ def _parser() -> argparse.ArgumentParser:
     out = Path("artifacts") / "paper"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
     add("--weights", type=Path, metavar="FILE", help="weights of the network (default: the package's)")
-    add(
-        "--dense-weights",
-        type=Path,
-        metavar="FILE",
-        help="weights of a network that predicts 120 points, for 'interpolation' (default: none, its part is left out)",
-    )
-    add(
-        "--max-seconds",
-        type=seconds,
-        default=30.0,
-        metavar="S",
-        help="wall-clock budget of one plan in seconds (default: %(default)g)",
-    )
+    dense = "weights of a network that predicts 120 points, for 'interpolation' (default: none, its part is left out)"
+    add("--dense-weights", type=Path, metavar="FILE", help=dense)
+    budget = "wall-clock budget of one plan in seconds (default: %(default)g)"
+    add("--max-seconds", type=seconds, default=30.0, metavar="S", help=budget)
     return parser
 
 
@@ -59,8 +73,8 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s")
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit
     if arguments.list:
-        for name, entry in FIGURES.items():
-            print(f"{name:<14} {entry.shows}")
+        for name, draw in FIGURES.items():
+            print(f"{name:<14} {(draw.__doc__ or '').splitlines()[0]}")
         return DONE
     plans = Plans(arguments.weights, arguments.dense_weights, arguments.max_seconds)
     try:
@@ -83,7 +97,7 @@ def draw_all(names: list[str], plans: Plans, folder: Path) -> list[str]:
     drawn = []
     for name in tqdm(names, unit="figure", disable=None):  # no bar where nobody looks
         try:
-            figure = FIGURES[name].draw(plans)
+            figure = FIGURES[name](plans)
         except Skipped as reason:
             tqdm.write(f"{name}: skipped: {reason}", file=sys.stderr)
             continue

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 
 from drake_gnnocp.experiments.figures.maps import EXAMPLE
 from drake_gnnocp.experiments.figures.plans import Plans, Skipped
-from drake_gnnocp.experiments.figures.sheet import PAGE, curves, draw_path, new_sheet, share_legend
+from drake_gnnocp.experiments.figures.sheet import curves, draw_path, page, share_legend
 from drake_gnnocp.pictures import style
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
@@ -28,11 +28,12 @@ SHORTEST = 0.1  # m, steps below have no direction to speak of
 CUSP = np.pi / 2  # rad, a path that turns more at once has changed its gear
 LINES: dict[str, Any] = {"color": style.START, "linewidth": 1.1, "linestyle": "--", "label": "lines", "zorder": 4}
 SPLINE: dict[str, Any] = {"color": style.GUESS, "linewidth": 1.4, "label": "clamped spline", "zorder": 3}
+POINTS: dict[str, Any] = {"color": style.LIMIT, "marker": "o", "linestyle": "none", "markersize": 3.2, "zorder": 6}
 DENSE: dict[str, Any] = {"color": style.PLAN, "linewidth": 0.9, "linestyle": ":", "zorder": 5}
 
 
 def interpolation_figure(plans: Plans) -> Figure:
-    """Path, a part of it enlarged, its turn and the speed along it."""
+    """Predicted points joined by lines and by the clamped spline."""
     solved = plans.solved(EXAMPLE)
     points, spline = plans.points(solved), solved.guess
     lines = points.resampled(len(spline))
@@ -42,11 +43,12 @@ def interpolation_figure(plans: Plans) -> Figure:
         shown.append((dense, DENSE | {"label": f"{len(dense)} predicted points"}))
     except Skipped as reason:
         logger.warning("interpolation: without a curve: %s", reason)
-    figure = new_sheet(PAGE, 5.2)
-    axes = list(figure.subplots(2, 2).flat)
+    figure, axes = page(5.2, 2, 2)
     for ax, title in zip(axes, (f"(a) path, {EXAMPLE}", "(b) the frame of (a)"), strict=False):
         curves(ax, title, "x [m]", "y [m]")
-        draw_interpolations(ax, points, shown)
+        for trajectory, look in shown:
+            draw_path(ax, trajectory, **look)
+        draw_path(ax, points, **POINTS | {"label": f"{len(points)} predicted points"})
         ax.set_aspect("equal", adjustable="datalim")
     _zoom(axes, spline, lines)
     curves(axes[2], "(c) turn of the path", "t [s]", "[rad/m]")
@@ -58,20 +60,6 @@ def interpolation_figure(plans: Plans) -> Figure:
     return figure
 
 
-def draw_interpolations(ax: Axes, points: Trajectory, shown: list[tuple[Trajectory, dict[str, Any]]]) -> Axes:
-    """Predicted points as dots, and paths with their looks."""
-    for trajectory, look in shown:
-        draw_path(ax, trajectory, **look)
-    dots: dict[str, Any] = {
-        "color": style.LIMIT,
-        "markersize": 3.2,
-        "zorder": 6,
-        "label": f"{len(points)} predicted points",
-    }
-    ax.plot(points.column(State.X), points.column(State.Y), "o", **dots)
-    return ax
-
-
 def turns(trajectory: Trajectory) -> np.ndarray:
     """Turn of a path at its knots (N,) [rad/m]; not a number at the ends, where it stands, and at cusps."""
     steps = np.diff(trajectory.poses[:, :2], axis=0)
@@ -80,16 +68,14 @@ def turns(trajectory: Trajectory) -> np.ndarray:
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     mean = (lengths[:-1] + lengths[1:]) / 2
     known = (np.minimum(lengths[:-1], lengths[1:]) > SHORTEST) & (np.abs(turn) < CUSP)
-    inner = np.full(len(turn), np.nan)
-    inner[known] = turn[known] / mean[known]
-    return np.concatenate([[np.nan], inner, [np.nan]])
+    return np.pad(np.where(known, turn, np.nan) / mean, 1, constant_values=np.nan)
 
 
 def _zoom(axes: list[Axes], spline: Trajectory, lines: Trajectory) -> None:
     """Enlarge, in the second axes, the part where lines and spline differ most."""
     away = np.linalg.norm(spline.poses[:, :2] - lines.poses[:, :2], axis=1)
     x, y = spline.poses[int(np.argmax(away)), :2]
+    left, low = x - ZOOM / 2, y - ZOOM / 2
     axes[1].set_aspect("equal", adjustable="box")
-    axes[1].set_xlim(x - ZOOM / 2, x + ZOOM / 2)
-    axes[1].set_ylim(y - ZOOM / 2, y + ZOOM / 2)
-    axes[0].add_patch(Rectangle((x - ZOOM / 2, y - ZOOM / 2), ZOOM, ZOOM, fill=False, ec=style.FRAME, lw=0.9, zorder=7))
+    axes[1].set(xlim=(left, left + ZOOM), ylim=(low, low + ZOOM))
+    axes[0].add_patch(Rectangle((left, low), ZOOM, ZOOM, fill=False, ec=style.FRAME, lw=0.9, zorder=7))

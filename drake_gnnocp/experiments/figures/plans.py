@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from drake_gnnocp.experiments.benchmark.disparity import N_COMPARED
-from drake_gnnocp.guesses.sources import GuessOptions, GuessUnavailable, check_available, load_network
+from drake_gnnocp.guesses import GuessUnavailable
+from drake_gnnocp.guesses.learned import load_network
+from drake_gnnocp.ocp.refine import MOST_ANSWERS
 from drake_gnnocp.planner import Plan, PlanOptions, plan
+from drake_gnnocp.planner.options import source_named
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
+N_KNOTS = PlanOptions().knots  # that a guess is interpolated to
+ROUNDS = MOST_ANSWERS  # of refinement, at most
 SOURCES = {"hybrid_astar": "Hybrid A*", "rrt_star": "RRT*", "gnn": "GNN"}  # of guesses, with their names in print
 
 
@@ -45,22 +50,14 @@ class Solved:
         return self.scenario.name + ("" if self.verified else f" ({self.status})")
 
 
+@dataclass
 class Plans:
-    """Plans of the bundled scenarios.
+    """Plans of the bundled scenarios."""
 
-    Args:
-        weights: of the network; None: those that come with the package.
-        dense_weights: of a network that predicts as many points as a plan has knots, if there is one.
-        max_seconds: budget of one plan [s].
-    """
-
-    def __init__(
-        self, weights: Path | None = None, dense_weights: Path | None = None, max_seconds: float = 30.0
-    ) -> None:
-        self.weights = weights
-        self.dense_weights = dense_weights
-        self.max_seconds = max_seconds
-        self._made: dict[tuple[str, str], Plan] = {}
+    weights: Path | None = None  # of the network; None: those that come with the package
+    dense_weights: Path | None = None  # of a network that predicts as many points as a plan has knots, if there is one
+    max_seconds: float = 30.0  # s, budget of one plan
+    _made: dict[tuple[str, str], Plan] = field(default_factory=dict, init=False, repr=False)
 
     def solved(self, name: str, source: str = "gnn") -> Solved:
         """The plan of a bundled scenario from one source of guesses.
@@ -68,23 +65,35 @@ class Plans:
         Raises:
             Skipped: the source is not available, or nothing was solved.
         """
-        made = self._plan(name, source)
+        if (name, source) not in self._made:
+            self.check(source)
+            options = PlanOptions(weights=self.weights)
+            found = plan(Scenario.load(name), source, max_seconds=self.max_seconds, options=options)
+            self._made[name, source] = found
+        made = self._made[name, source]
         if made.trajectory is None or made.guess is None:
             reason = made.attempts[-1].reason if made.attempts else made.status
             raise Skipped(f"no plan of {name} from {SOURCES[source]}: {reason}")
         return Solved(made.scenario, made.status, made.guess, made.trajectory)
 
+    def solved_or_none(self, name: str, source: str = "gnn") -> Solved | None:
+        """The same, None where nothing was solved or the source is not available."""
+        try:
+            return self.solved(name, source)
+        except Skipped:
+            return None
+
     def check(self, source: str) -> None:
         """Raise Skipped where a source of guesses is not available."""
         try:
-            check_available(source, GuessOptions(weights=self.weights))
+            source_named(source, PlanOptions(weights=self.weights))
         except GuessUnavailable as error:
             raise Skipped(str(error)) from None
 
     def points(self, solved: Solved) -> Trajectory:
         """The network's predicted points of the hypothesis that a plan was solved from."""
         knots = self._hypotheses(self.weights, solved.scenario, len(solved.guess))
-        farthest = [np.abs(each.states - solved.guess.states).max() for each in knots]
+        farthest = [np.abs(guess.states - solved.guess.states).max() for guess in knots]
         n_points = load_network(self.weights).config.points
         return self._hypotheses(self.weights, solved.scenario, n_points)[int(np.argmin(farthest))]
 
@@ -99,14 +108,6 @@ class Plans:
         n_points = load_network(self.dense_weights).config.points
         return self._hypotheses(self.dense_weights, scenario, n_points)[0]
 
-    def _plan(self, name: str, source: str) -> Plan:
-        if (name, source) not in self._made:
-            self.check(source)
-            options = PlanOptions(guess=GuessOptions(weights=self.weights))
-            scenario = Scenario.load(name)
-            self._made[name, source] = plan(scenario, source, max_seconds=self.max_seconds, options=options)
-        return self._made[name, source]
-
     @staticmethod
     def _hypotheses(weights: Path | None, scenario: Scenario, n: int) -> list[Trajectory]:
         """All hypotheses at n points, the most promising first; n is the network's own for what it predicts."""
@@ -114,4 +115,4 @@ class Plans:
 
         x0, y0, _ = scenario.start  # as in `plan`: near the origin
         found = guesses(load_network(weights), scenario.translated(-x0, -y0), n)
-        return [each.translated(x0, y0) for each in found]
+        return [guess.translated(x0, y0) for guess in found]

@@ -16,13 +16,8 @@ from drake_gnnocp.vehicle import State
 COLUMN, PAGE = 3.5, 7.2  # inch, widths of one column and of both
 TITLE, TEXT, SMALL = 8.5, 8.0, 7.0  # points
 PLAN_LINE: dict[str, Any] = {"color": style.PLAN, "linewidth": 1.5, "label": "optimum", "zorder": 5}
-GUESS_LINE: dict[str, Any] = {
-    "color": style.GUESS,
-    "linewidth": 1.1,
-    "linestyle": "--",
-    "label": "GNN guess",
-    "zorder": 6,
-}
+GUESS_LINE: dict[str, Any] = style.GUESS_LINE | {"label": "GNN guess", "zorder": 6}
+WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none"}  # behind letters
 
 
 def new_sheet(width: float, height: float) -> Figure:
@@ -30,6 +25,12 @@ def new_sheet(width: float, height: float) -> Figure:
     figure = style.new_figure(width, height)
     figure.set_layout_engine("constrained")
     return figure
+
+
+def page(height: float, rows: int, columns: int, **look: Any) -> tuple[Figure, list[Axes]]:
+    """A sheet as wide as a page with its axes, row by row; `look` is that of matplotlib's `subplots`."""
+    figure = new_sheet(PAGE, height)
+    return figure, list(figure.subplots(rows, columns, **look).flat)
 
 
 def small(ax: Axes, title: str | None = None, x: str | None = None, y: str | None = None) -> Axes:
@@ -52,6 +53,18 @@ def draw_path(ax: Axes, trajectory: Trajectory, **look: Any) -> Axes:
     return ax
 
 
+def draw_line(ax: Axes, a: np.ndarray, b: np.ndarray, **look: Any) -> Axes:
+    """A straight line between two points (2,)."""
+    ax.plot(*np.transpose([a, b]), **look)
+    return ax
+
+
+def draw_text(ax: Axes, at: np.ndarray, text: str, **look: Any) -> Axes:
+    """Text at a point (2,)."""
+    ax.text(at[0], at[1], text, **look)
+    return ax
+
+
 def draw_arrow(ax: Axes, tail: Sequence[float] | np.ndarray, head: Sequence[float] | np.ndarray, **look: Any) -> Axes:
     """A straight arrow between two points (2,); its look is that of matplotlib's `arrowprops`."""
     props = {"arrowstyle": "-|>,head_width=0.18,head_length=0.4", "shrinkA": 0, "shrinkB": 0} | look
@@ -65,8 +78,7 @@ def share_legend(figure: Figure, axes: Iterable[Axes], columns: int) -> None:
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             labelled.setdefault(label, handle)
-        legend = ax.get_legend()
-        if legend is not None:
+        if (legend := ax.get_legend()) is not None:
             legend.remove()
     if labelled:
         look: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": TEXT}

@@ -10,7 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drake_gnnocp.experiments.figures.plans import Plans
-from drake_gnnocp.experiments.figures.sheet import PAGE, SMALL, TEXT, draw_arrow, new_sheet, share_legend, small
+from drake_gnnocp.experiments.figures.sheet import (
+    SMALL,
+    TEXT,
+    WHITE,
+    curves,
+    draw_arrow,
+    draw_line,
+    draw_text,
+    page,
+    share_legend,
+    small,
+)
 from drake_gnnocp.pictures import draw_map, style
 from drake_gnnocp.scenario import Scenario
 
@@ -31,11 +42,10 @@ def small_scene() -> Scenario:
 
 
 def vectorisation_figure(plans: Plans) -> Figure:
-    """The four steps from a scene to the global graph."""
+    """A scene as vectors, subgraphs and the global graph."""
     scenario = small_scene()
     groups, states = _vectors(scenario)
-    figure = new_sheet(PAGE, 5.0)
-    axes = list(figure.subplots(2, 2).flat)
+    figure, axes = page(5.0, 2, 2)
     small(draw_map(axes[0], scenario, title="(a) scene"))
     draw_vectors(axes[1], groups, states)
     draw_subgraphs(axes[2], groups, states)
@@ -43,10 +53,8 @@ def vectorisation_figure(plans: Plans) -> Figure:
     titles = ("(b) vectors, seen from the start", "(c) subgraphs", "(d) global graph")
     box = np.concatenate([*groups, states]).reshape(-1, 2)
     for ax, title in zip(axes[1:], titles, strict=True):
-        small(style.dress(ax), title, "x [m]", "y [m]")
-        ax.set_xlim(box[:, 0].min() - 2.5, box[:, 0].max() + 2.5)
-        ax.set_ylim(box[:, 1].min() - 2.5, box[:, 1].max() + 2.5)
-        ax.set_aspect("equal")
+        (left, low), (right, high) = box.min(axis=0) - 2.5, box.max(axis=0) + 2.5
+        curves(ax, title, "x [m]", "y [m]").set(xlim=(left, right), ylim=(low, high), aspect="equal")
     share_legend(figure, axes, 6)
     return figure
 
@@ -56,8 +64,7 @@ def draw_vectors(ax: Axes, groups: list[np.ndarray], states: np.ndarray) -> Axes
     for j, (group, color) in enumerate(zip(groups, COLORS, strict=True), start=1):
         for edge in group:
             draw_arrow(ax, edge[:2], edge[2:], color=color, **ARROW)
-        x, y = group[:, :2].mean(axis=0)
-        ax.text(x, y, f"$v^o_{j}$", color=color, fontsize=TEXT, ha="center", va="center")
+        draw_text(ax, group[:, :2].mean(axis=0), f"$v^o_{j}$", color=color, fontsize=TEXT, ha="center", va="center")
     for edge, color, name in zip(states, (style.START, style.GOAL), ("$v^s$", "$v^f$"), strict=True):
         draw_arrow(ax, edge[:2], edge[2:], color=color, **ARROW)
         ax.plot(*edge[:2], "o", color=color, markersize=3.5)
@@ -83,15 +90,14 @@ def draw_global_graph(ax: Axes, groups: list[np.ndarray], states: np.ndarray) ->
     names = [*(f"obstacle {j}" for j in range(1, len(groups) + 1)), "start, goal"]
     for middle, color, name in zip(middles, (*COLORS, style.START), names, strict=True):
         ax.plot(*middle, "o", color=color, markersize=9, zorder=4)
-        white = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85}
-        place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "zorder": 5}
-        ax.annotate(name, middle, (0, -14), fontsize=SMALL, bbox=white, **place)
+        look: dict[str, Any] = {"fontsize": SMALL, "ha": "center", "bbox": WHITE | {"pad": 0.5, "alpha": 0.85}}
+        ax.annotate(name, middle, (0, -14), textcoords="offset points", zorder=5, **look)
     return ax
 
 
 def _draw_graph(ax: Axes, nodes: np.ndarray, color: str) -> None:
     for a, b in combinations(nodes, 2):
-        ax.plot(*np.transpose([a, b]), color=color, lw=0.9, zorder=2)
+        draw_line(ax, a, b, color=color, lw=0.9, zorder=2)
     ax.plot(*nodes.T, "o", color=color, markersize=4, zorder=3)
 
 

@@ -10,25 +10,18 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-import shapely
 
-from drake_gnnocp.experiments.tasks.open_maps import Range
-from drake_gnnocp.experiments.tasks.place import Place
-from drake_gnnocp.experiments.tasks.rows import Row, RowOptions, random_row
-from drake_gnnocp.experiments.tasks.shapes import (
-    SLOT_CLEARANCE,
+from drake_gnnocp.experiments.tasks.open_maps import irregular
+from drake_gnnocp.experiments.tasks.place import (
+    Area,
+    Place,
     VehicleOptions,
-    apart,
-    are_clear,
-    box,
-    irregular,
-    l_wall,
-    mirrored,
-    moved,
-    moved_poses,
+    place_with_slots,
     random_vehicle,
-    u_wall,
+    usable_place,
 )
+from drake_gnnocp.experiments.tasks.rows import Row, RowOptions, random_row
+from drake_gnnocp.experiments.tasks.shapes import Range, apart, box, l_wall, mirrored, moved, moved_poses, u_wall
 from drake_gnnocp.vehicle import Vehicle
 
 LAYOUTS = ("AD", "UAD", "ADUA", "UADUA", "UADUAD")
@@ -54,7 +47,6 @@ class CarParkOptions:
     clutter_radius: Range = (0.3, 0.9)  # m
     rim: Range = (0.0, 3.5)  # m, what the area is larger than the car park, on each side
     turn: Range = (-math.pi, math.pi)  # rad, the aisles against the map; half of the car parks are upright
-    n_obstacles: tuple[int, int] = (5, 60)  # fewest and most
     row: RowOptions = field(default_factory=RowOptions)
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)
 
@@ -64,10 +56,7 @@ DEFAULT_OPTIONS = CarParkOptions()
 
 def random_car_park(rng: np.random.Generator, options: CarParkOptions = DEFAULT_OPTIONS) -> Place:
     """A car park with at least one free slot for its vehicle."""
-    while True:
-        place = _car_park(rng, random_vehicle(rng, options.vehicle), options)
-        if place.slots and options.n_obstacles[0] <= len(place.obstacles) <= options.n_obstacles[1]:
-            return place
+    return usable_place(lambda: _car_park(rng, random_vehicle(rng, options.vehicle), options))
 
 
 @dataclass(eq=False)
@@ -91,10 +80,8 @@ def _car_park(rng: np.random.Generator, vehicle: Vehicle, options: CarParkOption
     side = high - low + below + above
     area = (0.0, float(side[0]), 0.0, float(side[1]))
     rings = apart([moved(ring, frame) for ring in (*bands.walls, *bands.cars, *bands.things)], ABUTTING)
-    blocked = shapely.union_all([shapely.Polygon(ring) for ring in rings])
     slots = moved_poses(np.concatenate(bands.slots), frame)
-    slots = slots[are_clear(vehicle, slots, blocked, area, SLOT_CLEARANCE)]
-    return Place("car_park", area, tuple(rings), tuple(slots), vehicle)
+    return place_with_slots("car_park", area, rings, slots, vehicle)
 
 
 def _turn(rng: np.random.Generator, options: CarParkOptions) -> float:
@@ -125,9 +112,7 @@ def _laid_out(rng: np.random.Generator, vehicle: Vehicle, options: CarParkOption
     return bands
 
 
-def _add_aisle(
-    rng: np.random.Generator, bands: _Bands, aisle: tuple[float, float, float, float], options: CarParkOptions
-) -> None:
+def _add_aisle(rng: np.random.Generator, bands: _Bands, aisle: Area, options: CarParkOptions) -> None:
     bands.ground.append(box(*aisle))
     for _ in range(int(rng.integers(options.clutter + 1))):
         x, y = rng.uniform(aisle[0::2], aisle[1::2])

@@ -17,8 +17,7 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.experiments.tasks.open_maps import TaskOptions, random_ends
-from drake_gnnocp.experiments.tasks.place import Place
-from drake_gnnocp.experiments.tasks.shapes import are_clear
+from drake_gnnocp.experiments.tasks.place import Place, are_clear, union
 
 SLOT_SHARE = 0.7  # of the tasks begin or end in a slot, where the place has any
 LEAVING_SHARE = 1 / 3  # of these begin in it
@@ -72,7 +71,7 @@ class _Site:
 
     def __init__(self, place: Place) -> None:
         self.place = place
-        self.blocked = shapely.union_all([shapely.Polygon(ring) for ring in place.obstacles])
+        self.blocked = union(place.obstacles)
         shapely.prepare(self.blocked)
         self._vertices = np.concatenate(place.obstacles)
         self._edges = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in place.obstacles])

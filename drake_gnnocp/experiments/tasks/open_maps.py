@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from drake_gnnocp.experiments.tasks.place import are_clear, union
+from drake_gnnocp.experiments.tasks.shapes import Range, moved, rectangle
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
 SPREAD = 0.35  # of the angle between vertices, how far one is moved along the outline: they never change places
 MOST_DRAWS = 500  # draws of an obstacle or of two poses before the map is drawn anew
-
-Range = tuple[float, float]
+SQUARE = 20.0  # m, large enough for an irregular polygon to be drawn in at once
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,18 @@ def random_obstacles(rng: np.random.Generator, options: MapOptions) -> tuple[np.
                 return tuple(rings)
 
 
+def irregular(rng: np.random.Generator, radius: Range, concave: float = 0.3) -> np.ndarray:
+    """An irregular polygon around the origin: (N, 2), N <= 8 [m].
+
+    Args:
+        rng: source of randomness.
+        radius: longer half axis of the ellipse that holds the vertices [m].
+        concave: share of concave ones.
+    """
+    ring = random_obstacles(rng, MapOptions(SQUARE, 1, rectangles=0.0, concave=concave, radius=radius))[0]
+    return ring - ring.mean(axis=0)
+
+
 def random_ends(
     rng: np.random.Generator, obstacles: tuple[np.ndarray, ...], side: float, options: TaskOptions
 ) -> tuple[np.ndarray, np.ndarray] | None:
@@ -85,18 +98,15 @@ def random_ends(
     Returns:
         None where a map gives none after many draws.
     """
-    vehicle, square = Vehicle(), shapely.box(0.0, 0.0, side, side)
-    blocked = shapely.union_all([shapely.Polygon(ring) for ring in obstacles])
+    vehicle, blocked = Vehicle(), union(obstacles)
     may_be_free = rng.uniform() < options.unobstructed
     shapely.prepare(blocked)
     for _ in range(MOST_DRAWS):
         ends = rng.uniform([0.0, 0.0, -math.pi], [side, side, math.pi], (2, 3))
         line = shapely.LineString(ends[:, :2])
-        cars = shapely.polygons(vehicle.footprints(ends))
         if (
             options.distance[0] <= line.length <= options.distance[1]
-            and square.contains(cars).all()
-            and not shapely.dwithin(blocked, cars, options.clearance).any()
+            and are_clear(vehicle, ends, blocked, (0.0, side, 0.0, side), options.clearance).all()
             and (may_be_free or blocked.dwithin(line, vehicle.width / 2))
         ):
             return ends[0], ends[1]
@@ -106,13 +116,11 @@ def random_ends(
 def _obstacle(rng: np.random.Generator, options: MapOptions) -> np.ndarray:
     kind = rng.uniform()
     if kind < options.rectangles:
-        half = rng.uniform(*options.rectangle_sides, 2) / 2
-        shape = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        shape = rectangle(*rng.uniform(*options.rectangle_sides, 2))
     else:
         shape = _irregular(rng, kind < options.rectangles + options.concave, options)
     turn = rng.uniform(-math.pi, math.pi)
-    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    return shape @ rotation.T + rng.uniform(0.0, options.side, 2)
+    return moved(shape, (*rng.uniform(0.0, options.side, 2), turn))
 
 
 def _irregular(rng: np.random.Generator, concave: bool, options: MapOptions) -> np.ndarray:

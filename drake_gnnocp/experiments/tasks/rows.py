@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_gnnocp.experiments.tasks.open_maps import Range
-from drake_gnnocp.experiments.tasks.shapes import both_ways, moved, rectangle, standing
+from drake_gnnocp.experiments.tasks.shapes import Range, both_ways, moved, rectangle, standing
 from drake_gnnocp.vehicle import Vehicle
 
 ROW_KINDS = ("perpendicular", "parallel", "angled")

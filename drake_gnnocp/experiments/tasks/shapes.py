@@ -1,4 +1,4 @@
-"""What car parks and yards are put together from: rings in a frame of their own, rigid motions, and the car.
+"""Rings in a frame of their own, rigid motions, and the car: what maps are put together from.
 
 A frame is a pose (3,) x, y, theta: the point p of a shape is at R(theta) p + (x, y) on the map.
 """
@@ -7,39 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
-from drake_gnnocp.experiments.tasks.open_maps import MapOptions, Range, random_obstacles
 from drake_gnnocp.vehicle import Vehicle
 
-SQUARE = 20.0  # m, large enough for an irregular polygon to be drawn in at once
-SLOT_CLEARANCE = 0.1  # m, of the car in a parking slot, at least
-
-
-@dataclass(frozen=True)
-class VehicleOptions:
-    """How much cars differ from the paper's."""
-
-    default: float = 0.5  # share of the places that have the paper's car
-    wheelbase: Range = (2.5, 3.1)  # m
-    front_hang: Range = (0.8, 1.05)  # m
-    rear_hang: Range = (0.7, 1.1)  # m
-    width: Range = (1.75, 2.05)  # m
-    v_max: Range = (2.0, 2.8)  # m/s
-    a_max: Range = (0.8, 2.0)  # m/s^2
-    phi_max: Range = (0.6, 0.78)  # rad
-    w_max: Range = (0.4, 0.9)  # rad/s
-
-
-def random_vehicle(rng: np.random.Generator, options: VehicleOptions) -> Vehicle:
-    """The paper's car, or one that is a little different."""
-    if rng.uniform() < options.default:
-        return Vehicle()
-    names = ("wheelbase", "front_hang", "rear_hang", "width", "v_max", "a_max", "phi_max", "w_max")
-    return Vehicle(**{name: float(rng.uniform(*getattr(options, name))) for name in names})
+Range = tuple[float, float]  # from, to
 
 
 def box(xmin: float, xmax: float, ymin: float, ymax: float) -> np.ndarray:
@@ -68,18 +42,6 @@ def u_wall(width: float, arms: tuple[float, float], thickness: float) -> np.ndar
 def mirrored(ring: np.ndarray) -> np.ndarray:
     """A ring (N, 2) with x turned into -x, in the same orientation [m]."""
     return ring[::-1] * np.array([-1.0, 1.0])
-
-
-def irregular(rng: np.random.Generator, radius: Range, concave: float = 0.3) -> np.ndarray:
-    """An irregular polygon of the paper's random maps around the origin: (N, 2), N <= 8 [m].
-
-    Args:
-        rng: source of randomness.
-        radius: longer half axis of the ellipse that holds the vertices [m].
-        concave: share of concave ones.
-    """
-    ring = random_obstacles(rng, MapOptions(SQUARE, 1, rectangles=0.0, concave=concave, radius=radius))[0]
-    return ring - ring.mean(axis=0)
 
 
 def moved(points: np.ndarray, frame: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -116,25 +78,3 @@ def apart(rings: Iterable[np.ndarray], gap: float) -> list[np.ndarray]:
             kept.append(ring)
             polygons.append(polygon)
     return kept
-
-
-def are_clear(
-    vehicle: Vehicle,
-    poses: np.ndarray,
-    blocked: shapely.Geometry,
-    area: tuple[float, float, float, float],
-    clearance: float,
-) -> np.ndarray:
-    """Which poses (N, 3) keep the car inside an area (xmin, xmax, ymin, ymax) and clear of what is blocked: (N,) bool.
-
-    Args:
-        vehicle: the car.
-        poses: x, y, theta [m, m, rad].
-        blocked: the obstacles.
-        area: what the footprint stays inside [m].
-        clearance: least distance of the footprint to the obstacles [m].
-    """
-    corners = vehicle.footprints(poses)
-    low, high = np.array(area[0::2]), np.array(area[1::2])
-    inside = ((corners >= low) & (corners <= high)).all(axis=(1, 2))
-    return inside & ~shapely.dwithin(blocked, shapely.polygons(corners), clearance)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_gnnocp.experiments.tasks.open_maps import Range
-from drake_gnnocp.experiments.tasks.shapes import both_ways, box, irregular, l_wall, mirrored, moved, rectangle, u_wall
+from drake_gnnocp.experiments.tasks.open_maps import irregular
+from drake_gnnocp.experiments.tasks.place import Area
+from drake_gnnocp.experiments.tasks.shapes import Range, both_ways, box, l_wall, mirrored, moved, rectangle, u_wall
 from drake_gnnocp.vehicle import Vehicle
 
 ALONG_Y = math.pi / 2
@@ -44,7 +45,7 @@ class Feature:
     """Obstacles that belong together, in their own frame."""
 
     rings: tuple[np.ndarray, ...]  # (N_j, 2) [m]
-    ground: tuple[float, float, float, float]  # m, xmin, xmax, ymin, ymax: no other feature stands here
+    ground: Area  # m, no other feature stands here
     slots: tuple[np.ndarray, ...] = ()  # poses (3,), not tested for collisions [m, m, rad]
 
 

@@ -12,19 +12,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from drake_gnnocp.experiments.tasks.open_maps import Range
-from drake_gnnocp.experiments.tasks.place import Place
-from drake_gnnocp.experiments.tasks.shapes import (
-    SLOT_CLEARANCE,
+from drake_gnnocp.experiments.tasks.place import (
+    Area,
+    Place,
     VehicleOptions,
-    are_clear,
-    box,
-    mirrored,
-    moved,
-    moved_poses,
+    place_with_slots,
     random_vehicle,
+    usable_place,
 )
-from drake_gnnocp.experiments.tasks.yard_features import LARGE, SMALL, Feature, FeatureMaker, FeatureOptions
+from drake_gnnocp.experiments.tasks.shapes import Range, box, mirrored, moved, moved_poses
+from drake_gnnocp.experiments.tasks.yard_features import LARGE, SMALL, Feature, FeatureOptions
 from drake_gnnocp.vehicle import Vehicle
 
 DRAWS = 20  # places tried for a feature before it is left out
@@ -36,15 +33,14 @@ class YardOptions:
 
     side: Range = (26.0, 44.0)  # m, of the rectangle that holds everything
     large: tuple[int, int] = (8, 18)  # features with a name, drawn; not all find room
-    shares: tuple[float, ...] = (0.24, 0.15, 0.15, 0.14, 0.16, 0.16)  # of them, in the order of features.LARGE
+    shares: tuple[float, ...] = (0.24, 0.15, 0.15, 0.14, 0.16, 0.16)  # of them, in the order of yard_features.LARGE
     small: tuple[int, int] = (5, 18)  # irregular polygons, pallets, poles
-    small_shares: tuple[float, ...] = (0.4, 0.6)  # of them, in the order of features.SMALL
+    small_shares: tuple[float, ...] = (0.4, 0.6)  # of them, in the order of yard_features.SMALL
     gap: Range = (2.4, 4.0)  # m, between features
     narrow: float = 0.2  # share of the features that come nearer
     narrow_gap: Range = (0.1, 2.4)  # m
     skew: float = 0.25  # share of the features that are not parallel to the others
     walled: float = 0.35  # share of the yard's four sides that have a wall, with a gap
-    n_obstacles: tuple[int, int] = (5, 60)  # fewest and most
     features: FeatureOptions = field(default_factory=FeatureOptions)
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)
 
@@ -54,16 +50,13 @@ DEFAULT_OPTIONS = YardOptions()
 
 def random_yard(rng: np.random.Generator, options: YardOptions = DEFAULT_OPTIONS) -> Place:
     """A yard with at least one slot for its vehicle."""
-    while True:
-        place = _yard(rng, random_vehicle(rng, options.vehicle), options)
-        if place.slots and options.n_obstacles[0] <= len(place.obstacles) <= options.n_obstacles[1]:
-            return place
+    return usable_place(lambda: _yard(rng, random_vehicle(rng, options.vehicle), options))
 
 
 class _Ground:
     """The features that stand already, and the ground they need."""
 
-    def __init__(self, area: tuple[float, float, float, float]) -> None:
+    def __init__(self, area: Area) -> None:
         self.area = area
         self.rings: list[np.ndarray] = []
         self.slots: list[np.ndarray] = []
@@ -89,37 +82,26 @@ def _yard(rng: np.random.Generator, vehicle: Vehicle, options: YardOptions) -> P
     area = (0.0, float(width), 0.0, float(height))
     ground = _Ground(area)
     main = float(rng.uniform(-math.pi, math.pi)) if rng.uniform() < 0.5 else 0.0
-    _add(rng, ground, LARGE, options.shares, options.large, main, vehicle, options)
-    _add(rng, ground, SMALL, options.small_shares, options.small, main, vehicle, options)
+    for makers, shares, (fewest, most) in (
+        (LARGE, options.shares, options.large),
+        (SMALL, options.small_shares, options.small),
+    ):
+        for _ in range(int(rng.integers(fewest, most + 1))):
+            feature = makers[rng.choice(len(makers), p=shares)](rng, vehicle, options.features)
+            _find_room(rng, ground, _mirrored(feature) if rng.uniform() < 0.5 else feature, main, options)
     rings = [*ground.rings, *_fence(rng, area, vehicle, options)]
-    blocked = shapely.union_all([shapely.Polygon(ring) for ring in rings])
-    slots = np.array(ground.slots).reshape(-1, 3)
-    slots = slots[are_clear(vehicle, slots, blocked, area, SLOT_CLEARANCE)]
-    return Place("yard", area, tuple(rings), tuple(slots), vehicle)
+    return place_with_slots("yard", area, rings, np.array(ground.slots).reshape(-1, 3), vehicle)
 
 
-def _add(
-    rng: np.random.Generator,
-    ground: _Ground,
-    makers: tuple[FeatureMaker, ...],
-    shares: tuple[float, ...],
-    count: tuple[int, int],
-    main: float,
-    vehicle: Vehicle,
-    options: YardOptions,
-) -> None:
-    """Place about as many features as drawn from the counts; `main` is the heading most of them have [rad]."""
-    for _ in range(int(rng.integers(count[0], count[1] + 1))):
-        feature = makers[rng.choice(len(makers), p=shares)](rng, vehicle, options.features)
-        if rng.uniform() < 0.5:
-            feature = _mirrored(feature)
-        gap = rng.uniform(*(options.narrow_gap if rng.uniform() < options.narrow else options.gap))
-        for _ in range(DRAWS):
-            is_skew, quarter = rng.uniform() < options.skew, int(rng.integers(4))
-            turn = rng.uniform(-math.pi, math.pi) if is_skew else main + quarter * math.pi / 2
-            x, y = rng.uniform(ground.area[0::2], ground.area[1::2])
-            if ground.place(feature, np.array([x, y, turn]), gap):
-                break
+def _find_room(rng: np.random.Generator, ground: _Ground, feature: Feature, main: float, options: YardOptions) -> None:
+    """Place a feature if there is room; `main` is the heading most of them have [rad]."""
+    gap = rng.uniform(*(options.narrow_gap if rng.uniform() < options.narrow else options.gap))
+    for _ in range(DRAWS):
+        is_skew, quarter = rng.uniform() < options.skew, int(rng.integers(4))
+        turn = rng.uniform(-math.pi, math.pi) if is_skew else main + quarter * math.pi / 2
+        x, y = rng.uniform(ground.area[0::2], ground.area[1::2])
+        if ground.place(feature, np.array([x, y, turn]), gap):
+            return
 
 
 def _mirrored(feature: Feature) -> Feature:
@@ -128,9 +110,7 @@ def _mirrored(feature: Feature) -> Feature:
     return Feature(tuple(mirrored(ring) for ring in feature.rings), (-xmax, -xmin, ymin, ymax), slots)
 
 
-def _fence(
-    rng: np.random.Generator, area: tuple[float, float, float, float], vehicle: Vehicle, options: YardOptions
-) -> list[np.ndarray]:
+def _fence(rng: np.random.Generator, area: Area, vehicle: Vehicle, options: YardOptions) -> list[np.ndarray]:
     """Walls around the yard, outside its area: some sides have none, the others a gate somewhere."""
     _, width, _, height = area
     rings = []

@@ -4,36 +4,28 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 
 from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, positive, share
-from drake_gnnocp.experiments.dataset.generate import DatasetError, load_dataset
-from drake_gnnocp.experiments.training.comparison import comparison
-from drake_gnnocp.experiments.training.curves_plot import save_curves_picture
-from drake_gnnocp.experiments.training.overrides import override
-from drake_gnnocp.experiments.training.quality import planning_quality, validation_tasks
-from drake_gnnocp.experiments.training.samples import Samples
-from drake_gnnocp.experiments.training.training import (
-    DEFAULT_TRAINING,
-    PAPER_TRAINING,
-    Progress,
-    TrainingOptions,
-    train,
-)
+from drake_gnnocp.experiments.dataset.generate import load_dataset
+from drake_gnnocp.experiments.training.curves import comparison
+from drake_gnnocp.experiments.training.job import Job, run
+from drake_gnnocp.experiments.training.quality import validation_tasks
+from drake_gnnocp.experiments.training.ranking_fit import fit_ranking
+from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, TrainingOptions
 from drake_gnnocp.files import first_line
-from drake_gnnocp.learning.checkpoint import (
-    CONFIGS,
-    Network,
-    config_of,
-    load_weights,
-    new_network,
-    save_weights,
-)
+from drake_gnnocp.learning.checkpoint import CONFIGS, config_of
 from drake_gnnocp.learning.network import NetworkConfig
 from drake_gnnocp.learning.paper_network import PaperConfig
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -59,7 +51,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--device", default="cpu", metavar="NAME", help="cpu, cuda, ... (default: %(default)s)")
     add("--threads", type=count, default=0, metavar="N", help="threads of torch (default: its own choice)")
     add("--check-every", type=positive, default=10, metavar="N", help="epochs between checks by planning (default: 10)")
-    add("--check-tasks", type=positive, default=40, metavar="N", help="tasks planned in a check (default: %(default)s)")
+    tasks = "validation tasks in a check, or for --rank (default: %(default)s)"
+    add("--check-tasks", type=positive, default=40, metavar="N", help=tasks)
+    rank = "train nothing; fit the ranking of hypotheses to the network in FILE on validation tasks and write it there"
+    add("--rank", type=Path, metavar="FILE", help=rank)
     compare = "train nothing; print a table of the trainings whose folders are in DIR"
     add("--compare", type=Path, metavar="DIR", help=compare)
     return parser
@@ -73,98 +68,77 @@ def _setting(text: str) -> tuple[str, str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse the arguments, train and write; returns the exit code."""
+    """Parse the arguments, then train, fit a ranking or compare; returns the exit code."""
     arguments = _parser().parse_args(argv)
-    if arguments.compare:
-        try:
-            print(comparison(arguments.compare), end="")
-        except OSError as error:
-            print(f"--compare: {error.filename}: {error.strerror}", file=sys.stderr)
-            return BAD_INPUT
-        return DONE
-    folder: Path = arguments.out or Path("artifacts") / "training" / arguments.config
-    options = DEFAULT_TRAINING if arguments.config == "default" else PAPER_TRAINING
-    options = replace(options, seed=arguments.seed, epochs=arguments.epochs or options.epochs)
-    config, settings = config_of(arguments.config), dict(arguments.set)
     if arguments.threads:
         torch.set_num_threads(arguments.threads)
     try:
-        config, options = override(config, settings), override(options, settings)
-        if settings:
-            raise ValueError(f"--set: {', '.join(settings)}: no size of this network, loss or option")
-        folder.mkdir(parents=True, exist_ok=True)
-        with _device(arguments.device):
-            run_training(config, folder, options, arguments)
+        if arguments.compare:
+            print(comparison(arguments.compare), end="")
+        elif arguments.rank:
+            unseen = (record for record in load_dataset(arguments.data) if record.split == "validation")
+            print(fit_ranking(arguments.rank, validation_tasks(unseen, arguments.check_tasks)))
+        else:
+            folder = arguments.out or Path("artifacts") / "training" / arguments.config
+            options = _options(arguments.config, arguments.seed, arguments.epochs, dict(arguments.set))
+            data = (arguments.data, arguments.start, arguments.share)
+            _train(Job(*options, *data, arguments.check_every, arguments.check_tasks), folder, arguments.device)
+            print(f"written to {folder}")
     except ValueError as error:
         print(first_line(error), file=sys.stderr)
         return BAD_INPUT
     except OSError as error:
-        print(f"{error.filename or folder}: {error.strerror}", file=sys.stderr)
+        option = "--compare: " if arguments.compare else ""
+        print(f"{option}{error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
         return BAD_INPUT
-    print(f"written to {folder}")
     return DONE
 
 
-def _device(name: str) -> torch.device:
+def _options(
+    config: str, seed: int, epochs: int | None, settings: dict[str, str]
+) -> tuple[NetworkConfig | PaperConfig, TrainingOptions]:
+    """Sizes and options of one of CONFIGS with what the command line changes."""
+    options = DEFAULT_TRAINING if config == "default" else PAPER_TRAINING
+    options = replace(options, seed=seed, epochs=epochs or options.epochs)
+    sizes, options = override(config_of(config), settings), override(options, settings)
+    if settings:
+        raise ValueError(f"--set: {', '.join(settings)}: no size of this network, loss or option")
+    return sizes, options
+
+
+def _train(job: Job, folder: Path, device: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        device = torch.device(name)
-        torch.zeros(1, device=device).item()  # it is there, and holds numbers
-        return device
+        chosen = torch.device(device)
+        torch.zeros(1, device=chosen).item()  # it is there, and holds numbers
     except (AssertionError, RuntimeError) as error:  # the former where torch was built without it
         raise ValueError(f"--device: {first_line(error)}") from None
+    with chosen:
+        run(job, folder)
 
 
-def run_training(
-    config: NetworkConfig | PaperConfig, folder: Path, options: TrainingOptions, arguments: argparse.Namespace
-) -> Progress:
-    """Train with a check by planning now and then; the best weights are kept."""
-    records = load_dataset(arguments.data)
-    learned = [record for record in records if record.split == "train"]
-    learned = [learned[int(i / arguments.share)] for i in range(max(1, int(arguments.share * len(learned))))]
-    unseen = [record for record in records if record.split == "validation"]
-    torch.manual_seed(options.seed)
-    try:
-        network = new_network(config)
-    except (AssertionError, RuntimeError, ValueError) as error:
-        raise ValueError(f"--set: no network has these sizes: {first_line(error)}") from None
-    if arguments.start:
-        network.load_state_dict(started_from(arguments.start, config))
-    points = network.config.points
-    tasks = validation_tasks(unseen, arguments.check_tasks)
+def override(options: T, settings: dict[str, str]) -> T:
+    """A dataclass with some fields changed, those of dataclasses inside it as well; what is used up is taken out.
 
-    def after_epoch(network: Network, progress: Progress) -> dict[str, float]:
-        due = progress.epoch % arguments.check_every == 0 or progress.epoch == options.epochs
-        if not due or not tasks:
-            return {}
-        quality = planning_quality(network, tasks)
-        best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
-        if quality["plan_badness"] < best:
-            start = arguments.start.name if arguments.start else "random weights"
-            about = {"epoch": progress.epoch, "maps": len(learned), "seed": options.seed, "from": start}
-            save_weights(folder / "best.pt", network, about | quality)
-        return quality
-
-    training, validation = Samples.of(learned, points), Samples.of(unseen, points)
-    if not len(training) or not len(validation):
-        raise DatasetError(f"{arguments.data}: needs trajectories on training and on validation maps")
-    origin = {
-        "data": str(arguments.data),
-        "trajectories": len(training),
-        "from": str(arguments.start or ""),
-        "check_tasks": len(tasks),  # the best weights are those of the best check of the same tasks
-    }
-    progress = train(network, training, validation, options, folder, after_epoch, origin)
-    save_curves_picture(progress.rows, folder / "curves.png")
-    return progress
-
-
-def started_from(path: Path, config: NetworkConfig | PaperConfig) -> dict[str, torch.Tensor]:
-    """The weights in a file.
+    Args:
+        options: whose fields are bool, int, float or such dataclasses.
+        settings: new values by field name; on return those that are no field of `options`.
 
     Raises:
-        ValueError: they are of a network of other sizes, or none.
+        ValueError: a value does not fit its field.
     """
-    network, _ = load_weights(path)
-    if network.config != config:
-        raise ValueError(f"--from: {path}: weights of a network of other sizes: {network.config}")
-    return network.state_dict()
+    changed: dict[str, Any] = {}
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if is_dataclass(value) and not isinstance(value, type):
+            changed[field.name] = override(value, settings)
+        elif field.name in settings:
+            changed[field.name] = _parsed(field.name, settings.pop(field.name), type(value))
+    return replace(options, **changed)
+
+
+def _parsed(name: str, text: str, kind: type) -> Any:
+    try:
+        return bool(int(text)) if kind is bool else kind(text)
+    except ValueError:
+        raise ValueError(f"--set {name}: must be a number ({kind.__name__}), not {text!r}") from None

@@ -14,6 +14,7 @@ from drake_gnnocp.learning.scene import (
     Scene,
     into_frame,
     mirrored,
+    padded,
     reversed_in_time,
     states_into_frame,
     vectors_of,
@@ -50,28 +51,16 @@ class Samples:
     @classmethod
     def of(cls, records: Iterable[MapRecord], points: int) -> Samples:
         """The kept trajectories of maps, at `points` points each."""
-        vectors: list[tuple[np.ndarray, np.ndarray]] = []
-        vehicles: list[list[float]] = []
-        rows: list[int] = []
-        states: list[np.ndarray] = []
-        durations: list[float] = []
-        for record in records:
-            kept = [each.trajectory for each in record.labels if each.trajectory is not None]
-            if not kept:
-                continue
-            rows += [len(vectors)] * len(kept)
-            vectors.append(vectors_of(record.tasks[0]))
-            vehicles.append(vehicle_row(record.place.vehicle))
-            states += [trajectory.resampled(points).states for trajectory in kept]
-            durations += [trajectory.duration for trajectory in kept]
-        edges, mask = _stacked(vectors)
+        solved = [(record, record.trajectories) for record in records if record.trajectories]
+        kept = [(row, trajectory) for row, (_, found) in enumerate(solved) for trajectory in found]
+        vectors = [vectors_of(record.tasks[0]) for record, _ in solved]
         return cls(
-            edges,
-            mask,
-            torch.tensor(vehicles),
-            torch.tensor(rows),
-            torch.tensor(np.array(states)).float(),
-            torch.tensor(durations).float(),
+            torch.tensor(padded([edges for edges, _ in vectors])).float(),
+            torch.tensor(padded([mask for _, mask in vectors])),
+            torch.tensor([vehicle_row(record.place.vehicle) for record, _ in solved]),
+            torch.tensor([row for row, _ in kept]),
+            torch.tensor(np.array([trajectory.resampled(points).states for _, trajectory in kept])).float(),
+            torch.tensor([trajectory.duration for _, trajectory in kept]).float(),
         )
 
     def random_batches(self, size: int, generator: torch.Generator) -> list[Tensor]:
@@ -122,14 +111,3 @@ def _used(mask: Tensor) -> int:
     """How many columns of a mask (B, N) are used, at least 1."""
     used = mask.any(dim=0).nonzero()
     return int(used.max()) + 1 if len(used) else 1
-
-
-def _stacked(vectors: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Tensor, Tensor]:
-    """Edges (J, E, 4) and masks of all maps, padded to the largest."""
-    j = max([1, *(mask.shape[0] for _, mask in vectors)])
-    e = max([1, *(mask.shape[1] for _, mask in vectors)])
-    edges, masks = torch.zeros(len(vectors), j, e, 4), torch.zeros(len(vectors), j, e, dtype=torch.bool)
-    for row, (edge, mask) in enumerate(vectors):
-        edges[row, : edge.shape[0], : edge.shape[1]] = torch.as_tensor(edge)
-        masks[row, : mask.shape[0], : mask.shape[1]] = torch.as_tensor(mask)
-    return edges, masks

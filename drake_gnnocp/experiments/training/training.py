@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import logging
 import math
 from collections.abc import Callable
@@ -15,12 +13,11 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from drake_gnnocp.experiments.training.augment import with_strangers, with_walls
-from drake_gnnocp.experiments.training.losses import LossParts, LossWeights, network_loss
-from drake_gnnocp.experiments.training.samples import Batch, Samples
-from drake_gnnocp.files import first_line, write_atomically
+from drake_gnnocp.experiments.training.curves import write_curves
+from drake_gnnocp.experiments.training.losses import LossWeights, loss_of
+from drake_gnnocp.experiments.training.samples import Samples
+from drake_gnnocp.files import first_line
 from drake_gnnocp.learning.checkpoint import Network, save_atomically
-from drake_gnnocp.learning.network import TrajectoryNetwork
 
 logger = logging.getLogger(__name__)
 
@@ -36,8 +33,6 @@ class TrainingOptions:
     cosine: bool = False  # whether the learning rate falls to zero along a cosine after the warm-up
     weight_decay: float = 0.0
     largest_gradient: float = math.inf  # norm, longer gradients are shortened
-    strangers: bool = False  # whether obstacles of other scenes are added, see `augment`
-    walls: bool = False  # whether some batches get bounds, see `augment`
     losses: LossWeights = field(default_factory=LossWeights)  # of the `default` network
     seed: int = 0
 
@@ -48,7 +43,7 @@ class TrainingOptions:
 
 PAPER_TRAINING = TrainingOptions()
 DEFAULT_TRAINING = TrainingOptions(
-    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0, strangers=True, walls=True
+    epochs=120, warm_up=2, batch=64, cosine=True, weight_decay=1e-4, largest_gradient=5.0
 )
 
 
@@ -115,22 +110,13 @@ def _train_epoch(
         rate = learning_rate(options, epoch + i / len(batches))
         for group in optimiser.param_groups:
             group["lr"] = rate
-        batch = training.random_batch(rows, generator)
-        batch = with_strangers(batch, generator) if options.strangers else batch
-        parts = loss_of(network, with_walls(batch, generator) if options.walls else batch, options.losses)
+        parts = loss_of(network, training.random_batch(rows, generator), options.losses)
         optimiser.zero_grad()
         parts["loss"].backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), options.largest_gradient)
         optimiser.step()
         _add(sums, parts, len(rows))
     return {name: total / len(training) for name, total in sums.items()}
-
-
-def loss_of(network: Network, batch: Batch, weights: LossWeights) -> LossParts:
-    """What is to be minimised, by the network's own rule; the weights are the `default` network's."""
-    if isinstance(network, TrajectoryNetwork):
-        return network_loss(network, batch.scene, batch.states, batch.duration, weights)
-    return network.loss(batch.scene, batch.states, batch.duration)
 
 
 @torch.inference_mode()
@@ -151,16 +137,6 @@ def learning_rate(options: TrainingOptions, epoch: float) -> float:
         return options.learning_rate
     share = (epoch - options.warm_up) / max(options.epochs - options.warm_up, 1e-9)
     return options.learning_rate * max(0.01, 0.5 * (1 + math.cos(math.pi * share)))
-
-
-def write_curves(path: Path, rows: list[dict[str, float]]) -> None:
-    """One row an epoch; columns that an epoch has no value for are empty."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
-    write_atomically(path, text.getvalue())
 
 
 def _add(sums: dict[str, float], parts: dict[str, Tensor], n: int) -> None:

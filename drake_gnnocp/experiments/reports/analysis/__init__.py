@@ -1,1 +1,0 @@
-"""What the parameters are worth, as measured curves: see `__main__`."""

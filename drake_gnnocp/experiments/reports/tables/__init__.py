@@ -1,1 +1,0 @@
-"""The comparisons of the paper as tables, Markdown and CSV: see `__main__`."""

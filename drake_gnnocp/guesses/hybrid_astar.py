@@ -1,0 +1,46 @@
+"""Hybrid A* and the speed planner."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses.base import Guess, NoGuess
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
+from drake_gnnocp.search.path import GearedPath, n_sections
+from drake_gnnocp.timing.speed_planner import FEWEST_INTERVALS, plan_speed
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class HybridAStar:
+    """The path of a search, with the timing of the speed planner."""
+
+    knots: int  # at least: a path of many gear changes gets more
+    options: HybridAStarOptions = field(default_factory=HybridAStarOptions)
+    first_stage: int = 0  # see `search.hybrid_astar.search`
+    name: str = "hybrid_astar"
+    proposes_many: bool = False
+
+    def check_available(self) -> None:
+        """Nothing is needed."""
+
+    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
+        """The path found, or why there is none."""
+        begin = time.monotonic()
+        found = search(scenario, budget, self.options, self.first_stage)
+        if found.path is None:
+            reason = f"Hybrid A*: {found.status} ({found.expansions} expansions)"
+            yield NoGuess(self.name, reason, time.monotonic() - begin)
+            return
+        trajectory = timed(found.path, scenario.vehicle, self.knots)
+        yield Guess(self.name, trajectory, time.monotonic() - begin, found.path)
+
+
+def timed(path: GearedPath, vehicle: Vehicle, knots: int) -> Trajectory:
+    """A path with the timing of the speed planner, at no fewer knots than its gear changes need."""
+    return plan_speed(path, vehicle, max(knots, FEWEST_INTERVALS * n_sections(path) + 1))

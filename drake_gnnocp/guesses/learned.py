@@ -1,0 +1,81 @@
+"""The network's hypotheses.
+
+torch is imported when a learned guess is first asked for: it takes a second that other plans need not wait for.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses.base import Guess, GuessUnavailable, NoGuess
+from drake_gnnocp.scenario import Scenario
+
+if TYPE_CHECKING:
+    from drake_gnnocp.learning.checkpoint import Network
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Trajectories that the network predicts, the most promising first.
+
+    The first takes the network's time; so does the one with which it begins to look at other views of the scene.
+    """
+
+    knots: int
+    weights: Path | None = None  # None: those that come with the package
+    most: int | None = None  # hypotheses; None: all there are
+    name: str = "gnn"
+    proposes_many: bool = True
+
+    def check_available(self) -> None:
+        """Load the network; raise GuessUnavailable where there is none."""
+        load_network(self.weights)
+
+    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
+        """The hypotheses."""
+        from drake_gnnocp.learning.predict import guesses
+
+        begin = time.monotonic()
+        for rank, trajectory in enumerate(guesses(load_network(self.weights), scenario, self.knots), start=1):
+            yield Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+            if rank == self.most:
+                return
+            begin = time.monotonic()
+
+
+def load_network(weights: Path | None = None) -> Network:
+    """The trained network in a file, or the one that comes with the package; read once, and again when it changes.
+
+    Raises:
+        GuessUnavailable: there is none.
+    """
+    path = weights or bundled_weights()
+    return _load_network(path, path.stat().st_mtime_ns if path.exists() else 0)
+
+
+@lru_cache(maxsize=8)
+def _load_network(path: Path, _changed: int) -> Network:
+    """The network in a file, warmed up."""
+    from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
+    from drake_gnnocp.learning.predict import guesses
+
+    try:
+        network = load_weights(path)[0]
+        list(guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2))
+        return network
+    except WeightsError as error:
+        raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
+
+
+def bundled_weights(config: str = "default") -> Path:
+    """The file of the weights that come with the package, of one of the networks' configurations."""
+    return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))

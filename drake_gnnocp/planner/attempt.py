@@ -1,0 +1,194 @@
+"""One attempt: a guess is timed, optimised and verified. The only place where that is done."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses import Guess, NoGuess
+from drake_gnnocp.ocp.costs import Cost, evaluate_cost
+from drake_gnnocp.ocp.formulation import formulate
+from drake_gnnocp.ocp.refine import RESERVE, Refined, Solve, refine
+from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
+from drake_gnnocp.planner import many_shifts, minimum_time
+from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, MinimumTime
+from drake_gnnocp.planner.options import PlanOptions
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.timing.minimum_effort import with_duration, with_minimum_effort
+from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.verification import Verification
+
+SAME_LENGTH = 1e-9  # relative: a path no longer than this over what can be driven can be driven
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A guess and what became of it."""
+
+    source: str  # of the guess
+    guess_seconds: float  # s, making the guess and timing it
+    start: Trajectory | None  # the timed guess the solver started from, or would have
+    sqp_steps: int = 0  # before the first solve
+    sqp_seconds: float = 0.0  # s
+    solves: tuple[Solve, ...] = ()
+    best: int | None = None  # index into solves of what the attempt led to; None where nothing was solved
+    cost: Cost | None = None  # None where nothing was solved
+    reason: str = ""  # why it was given up; empty when verified
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The optimised trajectory."""
+        return None if self.best is None else self.solves[self.best].trajectory
+
+    @property
+    def verification(self) -> Verification | None:
+        """What the check of it found."""
+        return None if self.best is None else self.solves[self.best].verification
+
+    @property
+    def verified(self) -> bool:
+        """Whether the trajectory passed the check; a guess that was never optimised does not, whatever it is like."""
+        return self.verification is not None and self.verification.verified
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether there is a guess, but nothing was solved from it."""
+        return self.start is not None and self.best is None
+
+    @property
+    def build_seconds(self) -> float:
+        """Building the programs of all solves [s]."""
+        return sum(solve.build_seconds for solve in self.solves)
+
+    @property
+    def solve_seconds(self) -> float:
+        """SQP steps and all solves [s]."""
+        return self.sqp_seconds + sum(solve.solve_seconds for solve in self.solves)
+
+    @property
+    def iterations(self) -> int:
+        """Ipopt's, of all solves."""
+        return sum(solve.iterations for solve in self.solves)
+
+    @property
+    def first_iterations(self) -> int:
+        """Ipopt's, of the first solve."""
+        return self.solves[0].iterations if self.solves else 0
+
+    @property
+    def refinements(self) -> int:
+        """Solves after the first one."""
+        return max(0, len(self.solves) - 1)
+
+    @property
+    def solver_status(self) -> str:
+        """Ipopt's last word, empty where there was no solve."""
+        return self.solves[-1].status if self.solves else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The attempt in the keys of result.json."""
+        return {
+            "guess": self.source,
+            "guess_seconds": self.guess_seconds,
+            "build_seconds": self.build_seconds,
+            "solve_seconds": self.solve_seconds,
+            "convex_steps": self.sqp_steps,
+            "iterations": self.iterations,
+            "first_iterations": self.first_iterations,
+            "refinements": self.refinements,
+            "solver_status": self.solver_status,
+            "cost": None if self.cost is None else self.cost.J,
+            "verified": self.verified,
+            "reason": self.reason,
+        }
+
+    def translated(self, dx: float, dy: float) -> Attempt:
+        """The attempt at the task moved by (dx, dy) [m]."""
+        solves = tuple(replace(solve, trajectory=solve.trajectory.translated(dx, dy)) for solve in self.solves)
+        return replace(self, start=self.start and self.start.translated(dx, dy), solves=solves)
+
+
+def attempt(
+    scenario: Scenario,
+    guess: Guess | NoGuess,
+    horizon: Horizon,
+    budget: Budget,
+    options: PlanOptions,
+    steps: SqpSteps | None = None,
+    slack: float | None = None,
+    closely: bool | None = None,
+) -> Attempt:
+    """Time a guess, optimise it, and verify what comes out.
+
+    Args:
+        scenario: the task, near the origin.
+        guess: where to begin, or why there is nothing to begin with.
+        horizon: how long the plan is to take.
+        budget: to stop at.
+        options: see `PlanOptions`.
+        steps: where SQP steps led from the guess, where they were taken to choose it.
+        slack: duration given to the optimiser over the guess's, where it is not that of the options.
+        closely: whether to plan as `many_shifts` does; None: where the guess has many.
+    """
+    if isinstance(guess, NoGuess):
+        return Attempt(guess.source, guess.seconds, None, reason=guess.reason)
+    begin = time.monotonic() - guess.seconds
+    slack = 1.0 if guess.is_timed else slack or options.slack
+    duration = horizon.seconds if isinstance(horizon, Fixed) else slack * guess.trajectory.duration
+    if reason := _refusal(guess.trajectory, duration, scenario):
+        return Attempt(guess.source, time.monotonic() - begin, guess.trajectory, reason=reason)
+    closely = many_shifts.has_many(guess) if closely is None else closely
+    start = _timed(scenario, guess, horizon, duration, slack, closely)
+    seconds = time.monotonic() - begin
+    minimise = isinstance(horizon, MinimumTime)
+    # SQP steps are for a duration: that comes first, and a quicker one after it
+    free = minimise and steps is None and not closely
+    formulation = formulate(scenario, start, options.cost, options.margin, minimum_time=free)
+    if closely:
+        formulation, steps = many_shifts.kept_near(scenario, formulation), None
+    elif steps is None and options.sqp and not free:
+        steps = sqp_steps(formulation, SEARCHED, budget.without(RESERVE))
+    refined = refine(scenario, formulation, budget, steps)
+    if minimise:
+        refined = minimum_time.quicker(scenario, refined, options.cost, options.margin, budget)
+    made = Attempt(guess.source, seconds, start, reason=refined.reason)
+    if steps is not None and refined.solves:
+        made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
+    return _with_solves(scenario, made, refined, options)
+
+
+def polished(scenario: Scenario, verified: Attempt, budget: Budget, options: PlanOptions) -> Attempt:
+    """An attempt with a verified plan, which is made quicker where that can be; see `minimum_time`."""
+    refined = Refined(verified.solves, verified.best, "")
+    refined = minimum_time.polished(scenario, refined, options.cost, options.margin, budget)
+    return _with_solves(scenario, verified, refined, options)
+
+
+def _with_solves(scenario: Scenario, made: Attempt, refined: Refined, options: PlanOptions) -> Attempt:
+    trajectory = refined.trajectory
+    cost = None if trajectory is None else evaluate_cost(trajectory, scenario.centroids, options.cost)
+    return replace(made, solves=refined.solves, best=refined.best, cost=cost)
+
+
+def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
+    """Why a guess cannot be driven in a duration [s], or an empty text."""
+    if duration > LONGEST:
+        return f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
+    length, longest = guess.path_length, scenario.vehicle.v_max * duration
+    if length > longest * (1 + SAME_LENGTH):
+        return f"the guess's path is {length:.1f} m long, and {duration:g} s at v_max are {longest:.1f} m"
+    return ""
+
+
+def _timed(
+    scenario: Scenario, guess: Guess, horizon: Horizon, duration: float, slack: float, closely: bool
+) -> Trajectory:
+    """The guess with the knots and the timing that the optimiser starts from."""
+    if closely and guess.path is not None:
+        fine = many_shifts.timed(guess.path, scenario.vehicle, guess.trajectory, slack)
+        return with_duration(fine, duration) if isinstance(horizon, Fixed) else fine
+    if isinstance(horizon, MinimumTime) or guess.is_timed:  # plans end near the limits, as the speed planner's do
+        return with_duration(guess.trajectory, duration)
+    return with_minimum_effort(guess.trajectory, duration, scenario.vehicle)

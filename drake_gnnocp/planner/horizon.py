@@ -1,0 +1,53 @@
+"""Horizons: how long a plan is to take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
+MEANING = f"must be 'guess', 'free' or 0 to {LONGEST:g} seconds"
+
+
+@dataclass(frozen=True)
+class FromGuess:
+    """As long as the guess takes, and a little longer where the guess drives near the limits."""
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A constant duration, as in the paper.
+
+    Raises:
+        ValueError: it is not in (0, LONGEST] [s].
+    """
+
+    seconds: float
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seconds, bool) or not 0 < self.seconds <= LONGEST:
+            raise ValueError(f"horizon: {MEANING}, not {self.seconds!r}")
+
+
+@dataclass(frozen=True)
+class MinimumTime:
+    """The duration is a decision variable with a weight on time, and several paths are optimised."""
+
+
+Horizon = FromGuess | Fixed | MinimumTime
+
+
+def horizon_of(value: Horizon | float | str) -> Horizon:
+    """The horizon that a user means: one as it is, a duration [s], "guess" or "free".
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    if isinstance(value, Horizon):
+        return value
+    if value == "guess":
+        return FromGuess()
+    if value == "free":
+        return MinimumTime()
+    if isinstance(value, int | float):
+        return Fixed(value)
+    raise ValueError(f"horizon: {MEANING}, not {value!r}")

@@ -1,0 +1,212 @@
+"""The schedule of attempts: which are made, with how much time, and what comes when one leads to no plan."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_gnnocp import Scenario, Trajectory, plan
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, Learned, NoGuess, Straight, learned
+from drake_gnnocp.guesses.learned import bundled_weights, load_network
+from drake_gnnocp.guesses.straight import straight_line
+from drake_gnnocp.ocp.refine import Refined, Solve
+from drake_gnnocp.planner import Attempt, FromGuess, MinimumTime, PlanOptions, options
+from drake_gnnocp.planner import attempt as attempt_module
+from drake_gnnocp.planner.options import SOURCES, source_named
+from drake_gnnocp.planner.schedule import NONE_CONVERGED, Schedule, screened
+from drake_gnnocp.verification import verify
+
+KNOTS = 120
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Trajectories proposed as the network's are."""
+
+    found: tuple[Trajectory, ...]
+    name: str = "gnn"
+    proposes_many: bool = True
+
+    def check_available(self) -> None:
+        """They are there."""
+
+    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
+        """In turn."""
+        for trajectory in self.found:
+            yield Guess(self.name, trajectory, is_timed=True)
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    scenario = Scenario.load("map_b")
+    x, y, _ = scenario.start
+    return scenario.translated(-x, -y)
+
+
+@pytest.fixture(scope="module")
+def good(scenario: Scenario) -> Trajectory:
+    found = plan(scenario, "hybrid_astar").trajectory
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def bad(scenario: Scenario) -> Trajectory:
+    """Through the obstacles and far too fast."""
+    found = straight_line(scenario, KNOTS)
+    return Trajectory(found.t / 10, found.states, found.inputs)
+
+
+def test_hypotheses_whose_steps_do_not_converge_are_passed_over(
+    scenario: Scenario, good: Trajectory, bad: Trajectory
+) -> None:
+    found = list(screened(scenario, Hypotheses((bad, good, bad)), Budget.unlimited(), PlanOptions()))
+    assert [guess.trajectory is good for guess, _ in found] == [True]
+    guess, steps = found[0]
+    assert steps.converged and guess.seconds > 0
+
+
+def test_no_hypothesis_is_looked_at_when_the_budget_is_over(scenario: Scenario, good: Trajectory) -> None:
+    assert list(screened(scenario, Hypotheses((good,)), Budget.of(0.0), PlanOptions())) == []
+
+
+def test_the_learned_guess_gives_a_verified_plan(scenario: Scenario) -> None:
+    result = plan(scenario, "gnn")
+    assert result.verified and result.guess_source == "gnn"
+    assert result.attempts[-1].iterations <= 20
+
+
+def test_auto_asks_hybrid_astar_where_steps_converge_from_no_hypothesis(
+    scenario: Scenario, bad: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SOURCES, "gnn", lambda _: Hypotheses((bad, bad)))
+    result = plan(scenario)
+    assert result.verified and result.guess_source == "hybrid_astar"
+    assert [attempt.source for attempt in result.attempts] == ["gnn", "hybrid_astar"]
+    assert result.attempts[0].reason == NONE_CONVERGED and result.reported == 1
+
+
+def test_a_learned_guess_that_no_car_can_drive_in_its_time_is_no_reason_to_give_up(
+    scenario: Scenario, bad: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SOURCES, "gnn", lambda _: Hypotheses((bad,)))
+    result = plan(scenario, horizon=good_duration(scenario) / 10)
+    assert [attempt.source for attempt in result.attempts] == ["gnn", "hybrid_astar"]
+    assert all("at v_max" in attempt.reason for attempt in result.attempts)
+
+
+def good_duration(scenario: Scenario) -> float:
+    return float(np.linalg.norm(scenario.goal[:2] - scenario.start[:2])) / scenario.vehicle.v_max
+
+
+def test_auto_goes_on_without_weights(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def missing(_: object = None) -> None:
+        raise GuessUnavailable("guess: 'gnn' needs trained weights")
+
+    monkeypatch.setattr(learned, "load_network", missing)
+    with caplog.at_level(logging.WARNING):
+        result = plan(scenario)
+    assert result.verified and result.guess_source == "hybrid_astar"
+    assert "needs trained weights; going on with Hybrid A*" in caplog.text
+    with pytest.raises(GuessUnavailable, match="weights"):
+        source_named("gnn", PlanOptions())
+
+
+def test_weights_that_are_named_must_be_there(scenario: Scenario) -> None:
+    with pytest.raises(GuessUnavailable, match=r"typo\.pt"):
+        plan(scenario, options=PlanOptions(weights=Path("typo.pt")))
+
+
+def test_weights_that_changed_are_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "best.pt"
+    shutil.copy(bundled_weights(), path)
+    before = load_network(path)
+    assert load_network(path) is before
+    os.utime(path, ns=(0, 0))
+    assert load_network(path) is not before
+
+
+def test_the_learned_guess_serves_a_constant_horizon(scenario: Scenario) -> None:
+    result = plan(scenario, "gnn", horizon=40.0)
+    assert result.verified and result.trajectory is not None
+    assert result.trajectory.duration == pytest.approx(40.0)
+
+
+class Clock:
+    """A clock that stands still."""
+
+    def __call__(self) -> float:
+        """The instant."""
+        return 0.0
+
+
+def failed(scenario: Scenario, guess: Trajectory) -> Refined:
+    check = replace(verify(scenario, guess), limits_ok=False)
+    return Refined((Solve(0.0, 0.0, 1, False, "Infeasible", (), 0, 0, guess, check),), 0, "nothing found")
+
+
+@pytest.fixture
+def given(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time that attempts are given, none of which leads to a plan."""
+    seconds: list[float] = []
+
+    def nothing_found(scenario: Scenario, formulation: object, budget: Budget, *_: object) -> Refined:
+        seconds.append(budget.left)
+        return failed(scenario, straight_line(scenario, KNOTS))
+
+    monkeypatch.setattr(attempt_module, "refine", nothing_found)
+    return seconds
+
+
+def scheduled(source: GuessSource, seconds: float, horizon: FromGuess | MinimumTime) -> list[Attempt]:
+    field = Scenario("field", np.zeros(3), np.array([12.0, 4.0, 0.4]))
+    schedule = Schedule(field, horizon, Budget.of(seconds, Clock()), PlanOptions())
+    schedule.try_source(source)
+    return schedule.attempts
+
+
+def test_early_attempts_leave_time_for_later_ones(given: list[float]) -> None:
+    made = scheduled(SOURCES["hybrid_astar"](PlanOptions()), 20.0, FromGuess())
+    assert len(made) == 3 and not any(attempt.verified for attempt in made)
+    assert given == pytest.approx([0.4 * 20.0, 0.6 * 20.0, 20.0])
+    given.clear()
+    scheduled(Straight(KNOTS), 20.0, FromGuess())
+    assert given == [20.0]
+
+
+def test_short_budgets_are_not_divided(given: list[float]) -> None:
+    scheduled(SOURCES["hybrid_astar"](PlanOptions()), 4.0, FromGuess())
+    assert given[0] == 4.0
+
+
+def test_the_attempts_from_a_path_differ_in_what_the_solver_is_given(given: list[float]) -> None:
+    first, closely, longer = scheduled(SOURCES["hybrid_astar"](PlanOptions()), 20.0, FromGuess())
+    assert first.start is not None and closely.start is not None and longer.start is not None
+    assert closely.guess_seconds < first.guess_seconds  # the path is not searched again
+    assert longer.start.duration == pytest.approx(1.6 / 1.1 * first.start.duration)
+    assert np.abs(closely.start.states[:, 3]).max() > np.abs(first.start.states[:, 3]).max()  # nearer to the limits
+
+
+def test_where_time_is_minimised_other_paths_are_tried_as_well(given: list[float]) -> None:
+    assert len(scheduled(SOURCES["hybrid_astar"](PlanOptions()), 50.0, MinimumTime())) == 5
+
+
+def test_no_more_attempts_are_made_than_are_asked_for(given: list[float], scenario: Scenario) -> None:
+    result = plan(scenario, "hybrid_astar", options=PlanOptions(most_attempts=1))
+    assert len(result.attempts) == 1 and result.status == "unverified"
+
+
+def test_a_new_source_is_a_line_of_the_table_and_a_name(monkeypatch: pytest.MonkeyPatch, gate: Scenario) -> None:
+    monkeypatch.setitem(options.SOURCES, "again", lambda asked: Learned(asked.knots, name="again"))
+    monkeypatch.setattr(options, "GUESSES", (*options.GUESSES, "again"))
+    assert plan(gate, "again").attempts[0].source == "again"
