@@ -136,15 +136,6 @@ def test_bounds_that_are_too_near_get_lines_like_an_obstacle() -> None:
     assert {line.obstacle for line in answered(scenario, strict).lines} == {2}
 
 
-def test_after_a_jump_into_an_obstacle_the_reference_stays() -> None:
-    for side, jumped in ((-0.05, False), (-0.3, True)):
-        scenario = task(block(side))
-        formulation = around(scenario)
-        found = answered(scenario, formulation)
-        assert found.lines
-        assert (found.reference is formulation.reference) == jumped
-
-
 # --- whether there is a next solve ---
 
 

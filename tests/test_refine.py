@@ -212,10 +212,9 @@ def test_after_steps_that_converged_the_solver_only_finishes(
     lowest = min(block.lower.min() for block in triangle_areas(finish))
     assert lowest == pytest.approx(min(nearest, 0.1))
 
-    # it failed: the guess as it was given, guarded by lines at everything near it
+    # it failed: the guess as it was given
     assert again.reference is guess and usual == USUAL
     assert (again.reference_share, again.rows_within) == (formulation.reference_share, formulation.rows_within)
-    assert not finish.lines and {line.obstacle for line in again.lines} == {0, 1}
 
 
 def test_steps_that_did_not_converge_are_a_start_for_the_usual_solver(
@@ -230,7 +229,21 @@ def test_steps_that_did_not_converge_are_a_start_for_the_usual_solver(
     assert first.rows_within == formulation.rows_within
 
 
-def test_the_loop_ends(gate: Scenario, guess: Trajectory, asked: list[tuple[Formulation, IpoptSettings]]) -> None:
+def test_a_failed_solve_from_the_guess_is_not_made_again(
+    gate: Scenario, guess: Trajectory, asked: list[tuple[Formulation, IpoptSettings]]
+) -> None:
     refined = refine(gate, problem(gate, guess), UNLIMITED)
-    assert len(refined.solves) == len(asked) == 1 + MOST_ANSWERS
-    assert not refined.verified and refined.reason.endswith(f"after {len(asked)} solves (Ipopt: failed)")
+    assert len(refined.solves) == len(asked) == 1
+    assert not refined.verified and refined.reason.endswith("after 1 solves (Ipopt: failed)")
+
+
+def test_there_are_no_more_answers_than_these(
+    gate: Scenario, guess: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def collide(scenario: Scenario, formulation: Formulation, *_: object) -> Solve:
+        check = replace(verify(scenario, formulation.reference), collision_free=False)
+        return Solve(0.0, 0.0, 1, True, "solved", (), 0, 0, formulation.reference, check)
+
+    monkeypatch.setattr(module, "solve_once", collide)
+    refined = refine(gate, problem(gate, guess), UNLIMITED)
+    assert len(refined.solves) == 1 + MOST_ANSWERS and not refined.verified

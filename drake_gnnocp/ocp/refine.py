@@ -34,8 +34,6 @@ TOO_LATE = "out of time before the first solve"
 RESERVE = 0.2  # s, kept from the budget for the check after a solve
 MOST_ANSWERS = 8  # refinements after the first solve
 FINISH_ROWS_WITHIN = 1.2  # m, where SQP steps have converged: little moves any more
-JUMPED = 0.1  # m, penetration from which on the solver has jumped an obstacle, and starts again where it started
-GUARDED_WITHIN = 0.5  # m, pairs nearer than this at the guess get a line after a solve that failed
 NEEDLESSLY_NEAR = 0.75  # of the line clearance: a verified plan nearer than this, and than its guess, is widened once
 LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
 
@@ -119,12 +117,11 @@ def refine(
                 break
         if solve.success or widening:
             formulation = answer(scenario, formulation, solve)
-        else:  # what it left behind tells nothing: guard everything that is near the guess, as it was given
-            formulation = replace(
-                formulation, reference=guess, reference_share=given.reference_share, rows_within=given.rows_within
-            )
-            motion = drive(scenario.start, guess, scenario.vehicle)
-            formulation = _with_lines(formulation, close_pairs(formulation, motion, GUARDED_WITHIN))
+        elif formulation.reference is guess and settings is given_settings:
+            break  # what it left behind tells nothing, and the next solve would be the same
+        else:  # back to the guess as it was given
+            share, within = given.reference_share, given.rows_within
+            formulation = replace(formulation, reference=guess, reference_share=share, rows_within=within)
             settings = given_settings
     if not solves:
         return Refined((), None, TOO_LATE)
@@ -157,12 +154,11 @@ def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formul
     found = solve.trajectory
     motion = drive(scenario.start, found, scenario.vehicle)
     close = close_pairs(formulation, motion, formulation.line_clearances)
-    jumped = min(close.values(), default=0.0) <= -JUMPED
     excess = _beyond_limits(scenario, motion)
     limits_margin = formulation.limits_margin + excess + LIMITS_STEP
     answered = replace(
         formulation,
-        reference=formulation.reference if jumped else found,
+        reference=found,
         goal=_aimed_goal(scenario, formulation, motion, found),
         limits_margin=min(LARGEST_LIMITS_MARGIN, limits_margin) if excess > 0 else formulation.limits_margin,
     )

@@ -117,7 +117,6 @@ def attempt(
     budget: Budget,
     options: PlanOptions,
     steps: SqpSteps | None = None,
-    slack: float | None = None,
     closely: bool | None = None,
 ) -> Attempt:
     """Time a guess, optimise it, and verify what comes out.
@@ -129,13 +128,12 @@ def attempt(
         budget: to stop at.
         options: see `PlanOptions`.
         steps: where SQP steps led from the guess, where they were taken to choose it.
-        slack: duration given to the optimiser over the guess's, where it is not that of the options.
         closely: whether to plan as `many_shifts` does; None: where the guess has many.
     """
     if isinstance(guess, NoGuess):
         return Attempt(guess.source, guess.seconds, None, reason=guess.reason)
     begin = time.monotonic() - guess.seconds
-    slack = 1.0 if guess.is_timed else slack or options.slack
+    slack = 1.0 if guess.is_timed else options.slack
     duration = horizon.seconds if isinstance(horizon, Fixed) else slack * guess.trajectory.duration
     if reason := _refusal(guess.trajectory, duration, scenario):
         return Attempt(guess.source, time.monotonic() - begin, guess.trajectory, reason=reason)

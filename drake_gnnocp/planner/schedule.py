@@ -25,9 +25,7 @@ logger = logging.getLogger(__name__)
 LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
 SEARCH_SHARE = 0.7  # of the time, at most, for a search
 CHOOSING_SHARE, CHOOSING_SECONDS = 0.1, 2.0  # of the time, and s (but half of it at most), for choosing a hypothesis
-HYPOTHESIS_SHARE, FIRST_SHARE, OTHER_SHARE, CLOSE_SHARE = 0.1, 0.4, 0.5, 0.6  # of the time that is left, for a solve
-LONGER = 1.6  # slack of the last attempt from a path
-NEARLY = 0.05  # m, violation of a hypothesis that Ipopt may still make a plan of, where no other's steps converged
+HYPOTHESIS_SHARE, FIRST_SHARE, OTHER_SHARE = 0.1, 0.4, 0.5  # of the time that is left, for a solve
 NONE_CONVERGED = "SQP steps converged from no hypothesis"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
@@ -84,11 +82,10 @@ class Schedule:
         guess: Guess | NoGuess,
         share: float = 1.0,
         steps: SqpSteps | None = None,
-        slack: float | None = None,
         closely: bool | None = None,
     ) -> Attempt:
         budget = self.budget.share(share, at_least=LEAST_SECONDS)
-        made = attempt(self.scenario, guess, self.horizon, budget, self.options, steps, slack, closely)
+        made = attempt(self.scenario, guess, self.horizon, budget, self.options, steps, closely)
         logger.info("%s: %s", made.source, made.reason or "verified")
         self.attempts.append(made)
         return made
@@ -107,9 +104,7 @@ class Schedule:
         if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
             self._try_other_searches()
         if self._may_go_on and not self._is_verified and not many_shifts.has_many(guess):
-            self._try(replace(guess, seconds=0.0), CLOSE_SHARE, closely=True)
-        if self._may_go_on and not self._is_verified and not isinstance(self.horizon, Fixed):
-            self._try(replace(guess, seconds=0.0), slack=LONGER)
+            self._try(replace(guess, seconds=0.0), closely=True)
 
     def _try_other_searches(self) -> None:
         """Searches by time with finer moves from the beginning: other paths to optimise."""
@@ -152,9 +147,8 @@ def screened(
 ) -> Iterator[tuple[Guess, SqpSteps]]:
     """The hypotheses that SQP steps converge from, in the order given, each looked for when it is asked for.
 
-    Where there is none, the one that comes nearest to keeping its distance, if it comes near. Hypotheses are cheap, and
-    SQP steps cost a tenth of a second. On validation maps, steps that had converged led to a verified plan practically
-    always and within a few iterations of Ipopt, and steps that had not mostly to none.
+    Hypotheses are cheap, and SQP steps cost a tenth of a second. On validation maps, steps that had converged led to a
+    verified plan practically always and within a few iterations of Ipopt, and steps that had not mostly to none.
 
     Args:
         scenario: the task, near the origin.
@@ -165,20 +159,12 @@ def screened(
     Yields:
         The hypothesis, with the time spent since the last one, and where the steps led.
     """
-    begin, found = time.monotonic(), False
-    passed_over: list[tuple[Guess, SqpSteps]] = []
+    begin = time.monotonic()
     for guess in source.guesses(scenario, budget):
         if budget.is_over or not options.sqp or isinstance(guess, NoGuess):
             break
         formulation = formulate(scenario, guess.trajectory, options.cost, options.margin)
         steps = sqp_steps(formulation, LEARNED, budget)
         if steps.converged:
-            found = True
             yield replace(guess, seconds=time.monotonic() - begin - steps.seconds), steps
             begin = time.monotonic()
-        else:
-            passed_over.append((guess, steps))
-    nearly = [(guess, steps) for guess, steps in passed_over if steps.violation < NEARLY]
-    if nearly and not found:
-        guess, steps = min(nearly, key=lambda pair: pair[1].violation)
-        yield replace(guess, seconds=time.monotonic() - begin - steps.seconds), steps
