@@ -15,6 +15,8 @@ from drake_gnnocp.vehicle import Input, State, Vehicle
 from drake_gnnocp.verification import Verification, min_clearance, verify
 
 EXACT = 1e-11  # m: Simpson's rule is exact for cubics, what is left is rounding over a thousand steps
+PROVEN = 1e-3  # m: what a proven clearance may be below the true one
+ENCLOSED = 1e-6  # m: bounds on the errors of the integration are part of an error at the goal
 WALL = np.array([[0.0, -10.0], [1.0, -10.0], [1.0, 10.0], [0.0, 10.0]])  # scaled and moved where it is needed
 
 
@@ -57,9 +59,9 @@ def test_a_clean_plan_is_verified(plan: Trajectory) -> None:
     beside = WALL + [2.0, 12.0]  # 2 m from the middle of the lane
     found = verify(task_of(plan, beside), plan)
     assert found.faults == []
-    assert found.min_clearance_m == pytest.approx(2 - 0.95, abs=EXACT)
-    assert found.terminal_position_error_m < EXACT
-    assert found.terminal_heading_error_rad < EXACT
+    assert 2 - 0.95 - PROVEN <= found.min_clearance_m <= 2 - 0.95
+    assert found.terminal_position_error_m < ENCLOSED
+    assert found.terminal_heading_error_rad < ENCLOSED
     assert found.max_dynamics_gap_m < EXACT
 
 
@@ -99,7 +101,7 @@ def test_a_notch_is_free_though_the_hull_of_its_polygon_covers_it() -> None:
     pocket = np.array([[-5, -4], [35, -4], [35, 4], [-5, 4], [-5, 1.2], [30, 1.2], [30, -1.2], [-5, -1.2]])
     found = verify(task_of(LONG, pocket), LONG)
     assert found.faults == []
-    assert found.min_clearance_m == pytest.approx(1.2 - 0.95, abs=EXACT)
+    assert 1.2 - 0.95 - PROVEN <= found.min_clearance_m <= 1.2 - 0.95
 
 
 @pytest.mark.parametrize(("side", "heading"), [(0, math.pi), (1, 0.0), (2, -math.pi / 2), (3, math.pi / 2)])
@@ -164,7 +166,7 @@ def test_the_goal_is_reached_to_a_centimetre_in_x_and_in_y(axis: State, sign: in
         scenario = task_of(CLEAN)
         scenario.goal[axis] += sign * error
         found = verify(scenario, CLEAN)
-        assert found.terminal_position_error_m == pytest.approx(error, abs=EXACT)
+        assert found.terminal_position_error_m == pytest.approx(error, abs=ENCLOSED)
         assert found.faults == ([] if reached else ["ends 0.011 m off the goal"])
 
 
@@ -263,7 +265,7 @@ def test_a_plan_that_cannot_be_driven_fails_every_check_and_still_writes_as_json
 
 
 def test_every_fault_alone_keeps_a_plan_from_being_verified() -> None:
-    clean = Verification(True, 1.0, 0.0, 0.0, 0.0, True, True, True)
+    clean = Verification(True, 1.0, 0.0, 0.0, 0.0, True, True, True, True)
     assert clean.verified
     for spoil in (
         replace(clean, collision_free=False),
@@ -272,6 +274,7 @@ def test_every_fault_alone_keeps_a_plan_from_being_verified() -> None:
         replace(clean, limits_ok=False),
         replace(clean, bounds_ok=False),
         replace(clean, ends_ok=False),
+        replace(clean, certified=False),
     ):
         assert not spoil.verified
         assert len(spoil.faults) == 1

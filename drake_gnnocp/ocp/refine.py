@@ -29,6 +29,7 @@ from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
+from drake_gnnocp.verification.clearance import TIGHT
 
 TOO_LATE = "out of time before the first solve"
 RESERVE = 0.2  # s, kept from the budget for the check after a solve
@@ -186,7 +187,8 @@ def _is_needlessly_near(scenario: Scenario, guess: Trajectory, formulation: Form
     asked = formulation.line_clearances[: len(scenario.convex_obstacles)]
     if check.min_clearance_m >= NEEDLESSLY_NEAR * asked.max(initial=0.0):
         return False
-    return min_clearance(scenario, scenario.vehicle.footprints(guess.poses)) > check.min_clearance_m
+    # what is proven of the plan may be that much less than it has
+    return min_clearance(scenario, scenario.vehicle.footprints(guess.poses)) > check.min_clearance_m + TIGHT
 
 
 def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulation:
