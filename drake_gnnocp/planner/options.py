@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
@@ -11,10 +12,16 @@ from drake_gnnocp.guesses import GuessSource, GuessUnavailable, HybridAStar, Lea
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
 
+FEWEST_KNOTS = 4  # of a plan: rest, drive, rest
+
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """How to plan."""
+    """How to plan.
+
+    Raises:
+        ValueError: a number is not one that can be planned with; the message names it.
+    """
 
     knots: int = 120  # of a plan; more where a path has so many gear changes that they would be too far apart in time
     margin: float = 0.1  # m, clearance asked of obstacles at the knots, where the guess has it
@@ -26,6 +33,18 @@ class PlanOptions:
     seed: int = 0  # of RRT*
     sqp: bool = True  # whether SQP steps are taken before Ipopt
     most_attempts: int | None = None  # None: all there are
+
+    def __post_init__(self) -> None:
+        for name, least in (("knots", FEWEST_KNOTS), ("hypotheses", 1), ("most_attempts", 1)):
+            value = getattr(self, name)
+            if name == "most_attempts" and value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise ValueError(f"options.{name}: must be a whole number of {least} or more, not {value!r}")
+        for name, lowest in (("margin", 0.0), ("slack", 1.0)):
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or not lowest <= value < math.inf:
+                raise ValueError(f"options.{name}: must be a number of {lowest:g} or more, not {value!r}")
 
 
 AUTO = "auto"

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
+from reprlib import repr as shown
+
+import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Given, GuessSource
@@ -18,7 +22,7 @@ from drake_gnnocp.trajectory import Trajectory
 
 
 def plan(
-    scenario: Scenario | str,
+    scenario: Scenario | Path | str,
     guess: str | GuessSource | Trajectory = "auto",
     horizon: Horizon | float | str = "guess",
     max_seconds: float = 60.0,
@@ -40,7 +44,11 @@ def plan(
         ValueError: scenario, guess, horizon or max_seconds is not one of the above.
     """
     options, horizon = options or PlanOptions(), horizon_of(horizon)
-    scenario = Scenario.load(scenario) if isinstance(scenario, str) else scenario
+    if not isinstance(options, PlanOptions):
+        raise ValueError(f"options: must be PlanOptions, not {shown(options)}")
+    scenario = Scenario.load(scenario) if isinstance(scenario, str | Path) else scenario
+    if not isinstance(scenario, Scenario):
+        raise ValueError(f"scenario: must be a Scenario, a name or a file, not {shown(scenario)}")
     source = _source(scenario, guess, options)
     if not max_seconds > 0:
         raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
@@ -67,8 +75,13 @@ def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: 
     if isinstance(guess, str):
         return source_named(guess, options)
     if isinstance(guess, Trajectory):
+        numbers = np.column_stack([guess.t, guess.states, guess.inputs])
+        if not np.isfinite(numbers).all() or not (np.diff(guess.t) > 0).all():
+            raise ValueError("guess: the trajectory has numbers that are not finite, or times that do not increase")
         x0, y0, _ = scenario.start
         return Given(guess.translated(-x0, -y0).resampled(max(len(guess), options.knots)))
+    if not hasattr(guess, "guesses"):
+        raise ValueError(f"guess: must be a name, a Trajectory or a GuessSource, not {shown(guess)}")
     guess.check_available()
     return guess
 
