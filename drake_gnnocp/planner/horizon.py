@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-LONGEST = 1000.0  # s, longest duration that is planned: the verification looks at every 10 ms of it
+LONGEST = 1000.0  # s, longest duration that is planned: the verification integrates every 5 ms of it
 MEANING = f"must be 'guess', 'free' or 0 to {LONGEST:g} seconds"
 
 
