@@ -20,7 +20,7 @@ from drake_gnnocp.experiments.dataset.generate import (
     generate,
     load_dataset,
 )
-from drake_gnnocp.experiments.dataset.label import KEPT, LabelOptions, label
+from drake_gnnocp.experiments.dataset.label import KEPT, label
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord, load_records, save_records, split_of
 from drake_gnnocp.experiments.tasks.draw import kind_of
 from drake_gnnocp.experiments.tasks.place import KINDS
@@ -145,7 +145,7 @@ def test_splits_are_80_10_10_by_map_and_have_maps_of_every_kind() -> None:
 
 def test_what_is_kept_is_verified() -> None:
     task = Scenario.load("map_b")
-    found = label(task, LabelOptions())
+    found = label(task)
     assert found.outcome == KEPT and found.trajectory is not None
     assert verify(task, found.trajectory).verified
 

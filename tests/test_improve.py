@@ -22,7 +22,7 @@ from drake_gnnocp.experiments.dataset.generate import (
     make_map,
     settings_of,
 )
-from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improved_label
+from drake_gnnocp.experiments.dataset.improve import improved_label
 from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, NO_PATH, SEARCHED, Label
 from drake_gnnocp.experiments.dataset.records import save_records
 from drake_gnnocp.guesses import Guess
@@ -58,7 +58,7 @@ def straight_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def solved() -> Label:
-    found = improved_label(TASK, Label(NO_PATH), ImproveOptions())
+    found = improved_label(TASK, Label(NO_PATH))
     assert found.outcome == KEPT
     return found
 
@@ -72,7 +72,7 @@ def test_a_task_without_a_label_gets_one_that_is_verified() -> None:
 def test_a_cheaper_plan_of_the_same_duration_replaces_the_label() -> None:
     label = replace(solved(), source=SEARCHED)
     assert label.trajectory is not None
-    found = improved_label(TASK, replace(label, cost=1.5 * label.cost), ImproveOptions())
+    found = improved_label(TASK, replace(label, cost=1.5 * label.cost))
     assert found.source == LEARNED and found.trajectory is not None
     assert found.trajectory.duration == pytest.approx(label.trajectory.duration)
     assert found.cost < 1.01 * label.cost
@@ -80,7 +80,7 @@ def test_a_cheaper_plan_of_the_same_duration_replaces_the_label() -> None:
 
 def test_a_label_that_is_as_cheap_stays() -> None:
     label = replace(solved(), source=SEARCHED)
-    assert improved_label(TASK, label, ImproveOptions()) is label
+    assert improved_label(TASK, label) is label
 
 
 def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:

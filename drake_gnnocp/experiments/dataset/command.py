@@ -21,7 +21,7 @@ from drake_gnnocp.experiments.dataset.generate import (
     make_map,
     settings_of,
 )
-from drake_gnnocp.experiments.dataset.improve import ImproveOptions, improving, origin_of
+from drake_gnnocp.experiments.dataset.improve import improving, origin_of
 from drake_gnnocp.experiments.single_thread import single_threaded_children
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.files import first_line
@@ -97,8 +97,7 @@ def _made(
     if improve:
         if improve.resolve() == out.resolve():
             raise ValueError("--improve: choose another --out; the dataset itself is not changed")
-        options = ImproveOptions(weights)
-        settings, make, origin = settings_of(improve), improving(improve, options), origin_of(improve, options)
+        settings, make, origin = settings_of(improve), improving(improve, weights), origin_of(improve, weights)
     with executor as workers:
         generate(settings, kinds, out, workers, make, origin)
     records = load_dataset(out)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from drake_gnnocp.experiments.dataset.label import LEARNED, OUTCOMES, LabelOptions
+from drake_gnnocp.experiments.dataset.label import LEARNED, OUTCOMES, PLAN, SEARCH_SECONDS, SOLVE_SECONDS
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord
 from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS
 from drake_gnnocp.experiments.tasks.place import KINDS
@@ -93,7 +93,6 @@ def _gear_changes(trajectory: Trajectory) -> int:
 
 def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
     """The datasheet as Markdown; size of all files [bytes]."""
-    options = LabelOptions()
     groups = {kind: [record for record in records if record.place.kind == kind] for kind in KINDS}
     for split in SPLITS:
         groups |= {f"{split}: {kind}": [record for record in groups[kind] if record.split == split] for kind in KINDS}
@@ -101,9 +100,9 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
     percentiles = {name: np.percentile(values, [5, 50, 95]) for name, values in numbers.items() if len(values)}
     return TEXT.format(
         paper_maps=PAPER_MAPS,
-        slack=options.plan.slack,
-        search_seconds=options.search_seconds,
-        solve_seconds=options.solve_seconds,
+        slack=PLAN.slack,
+        search_seconds=SEARCH_SECONDS,
+        solve_seconds=SOLVE_SECONDS,
         machine=platform.machine(),
         improvement=_improvement(records),
         maps=len(records),

@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 
 from tqdm import tqdm
 
-from drake_gnnocp.experiments.dataset.label import LabelOptions, label
+from drake_gnnocp.experiments.dataset.label import label
 from drake_gnnocp.experiments.dataset.records import MapRecord, load_records, save_records
 from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS, draw_place, draw_tasks, kind_of
 from drake_gnnocp.files import write_atomically
@@ -48,7 +48,7 @@ def make_map(settings: DatasetSettings, index: int) -> MapRecord:
     """Draw map `index` and solve its tasks; called in the executor's workers."""
     place = draw_place(settings.seed, index)
     tasks = draw_tasks(settings.seed, index, place, settings.pairs)
-    return MapRecord(index, place, tuple(tasks), tuple(label(task, LabelOptions()) for task in tasks))
+    return MapRecord(index, place, tuple(tasks), tuple(map(label, tasks)))
 
 
 def generate(
@@ -62,11 +62,11 @@ def generate(
     """Make the maps that are not in the folder yet.
 
     Args:
-        settings: what is drawn; those of the folder, where it holds a dataset already.
+        settings: those of the folder, where it holds a dataset already.
         kinds: of the maps to make now.
-        folder: of the dataset; made where it is missing.
+        folder: made where it is missing.
         executor: any with the interface of `concurrent.futures`; maps are its jobs.
-        make: makes a map from the settings and its index, in the executor's workers.
+        make: called in the executor's workers.
         origin: what else `make` depends on; a dataset goes on with the same only.
 
     Raises:

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.experiments.dataset.generate import DatasetSettings, load_map
-from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, Label, LabelOptions, label_of
+from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, load_map
+from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, PLAN, SOLVE_SECONDS, Label, label_of
 from drake_gnnocp.experiments.dataset.records import MapRecord
 from drake_gnnocp.guesses import Guess, Learned, NoGuess
 from drake_gnnocp.guesses.learned import bundled_weights
@@ -32,69 +31,56 @@ from drake_gnnocp.timing.minimum_effort import with_duration
 from drake_gnnocp.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
-class ImproveOptions:
-    """How labels are improved."""
-
-    weights: Path | None = None  # of the network; None: those that come with the package
-    hypotheses: int = 4  # that are looked at
-    same: float = 0.5  # m, from the label at most, everywhere: such hypotheses lead to it again and are passed over
-    solves: int = 2  # of them, the cheapest after their SQP steps, at most
-    cheaper: float = 0.99  # of the label's cost: what is worth another way
-    labels: LabelOptions = LabelOptions()
+HYPOTHESES = 4  # of the network that are looked at
+SAME = 0.5  # m, from the label at most, everywhere: such hypotheses lead to it again and are passed over
+SOLVES = 2  # of them, the cheapest after their SQP steps, at most
+CHEAPER = 0.99  # of the label's cost: what is worth another way
 
 
-def improving(dataset: Path, options: ImproveOptions) -> Callable[[DatasetSettings, int], MapRecord]:
-    """The function that makes map `index` of a dataset from the same map of another one.
+def improving(dataset: Path, weights: Path | None) -> MakeMap:
+    """The function that makes map `index` of a dataset from the same map of another one; None: the package's weights.
 
     Raises:
         GuessUnavailable: there are no weights.
     """
-    Learned(options.labels.plan.knots, options.weights).check_available()
-    return partial(improved_map, dataset=dataset, options=options)
+    Learned(PLAN.knots, weights).check_available()
+    return partial(improved_map, dataset=dataset, weights=weights)
 
 
-def origin_of(dataset: Path, options: ImproveOptions) -> str:
+def origin_of(dataset: Path, weights: Path | None) -> str:
     """What the labels of `improving` depend on, in words: the dataset's folder and the content of the weights."""
-    weights = options.weights or bundled_weights()
-    return f"labels of {dataset.resolve()} improved by weights {hashlib.sha256(weights.read_bytes()).hexdigest()[:16]}"
+    content = (weights or bundled_weights()).read_bytes()
+    return f"labels of {dataset.resolve()} improved by weights {hashlib.sha256(content).hexdigest()[:16]}"
 
 
-def improved_map(settings: DatasetSettings, index: int, dataset: Path, options: ImproveOptions) -> MapRecord:
+def improved_map(settings: DatasetSettings, index: int, dataset: Path, weights: Path | None) -> MapRecord:
     """Map `index` of a dataset with better labels; called in the executor's workers."""
     record = load_map(dataset, settings, index)
     pairs = zip(record.tasks, record.labels, strict=True)
-    return replace(record, labels=tuple(improved_label(task, label, options) for task, label in pairs))
+    return replace(record, labels=tuple(improved_label(task, label, weights) for task, label in pairs))
 
 
-def improved_label(scenario: Scenario, label: Label, options: ImproveOptions) -> Label:
-    """The label, or a better one from the network's hypotheses.
-
-    Args:
-        scenario: the task, anywhere.
-        label: how it was solved before.
-        options: see `ImproveOptions`.
-    """
+def improved_label(scenario: Scenario, label: Label, weights: Path | None = None) -> Label:
+    """The label of a task, anywhere, or a better one from the network's hypotheses."""
     x0, y0, _ = scenario.start
-    local, plan, best = scenario.translated(-x0, -y0), options.labels.plan, label
-    budget = Budget.of(options.labels.solve_seconds)
+    local, best, budget = scenario.translated(-x0, -y0), label, Budget.of(SOLVE_SECONDS)
     converged: list[tuple[float, Guess, SqpSteps]] = []
-    for guess in Learned(plan.knots, options.weights, options.hypotheses).guesses(local, budget):
+    for guess in Learned(PLAN.knots, weights, HYPOTHESES).guesses(local, budget):
         if isinstance(guess, NoGuess):
             continue
         if label.trajectory:  # the same duration for all: more time always costs less
             guess = replace(guess, trajectory=with_duration(guess.trajectory, label.trajectory.duration))
-            if _farthest(guess.trajectory, label.trajectory.translated(-x0, -y0)) < options.same:
+            if _farthest(guess.trajectory, label.trajectory.translated(-x0, -y0)) < SAME:
                 continue
-        steps = sqp_steps(formulate(local, guess.trajectory, plan.cost, plan.margin), SEARCHED, budget)
+        steps = sqp_steps(formulate(local, guess.trajectory, PLAN.cost, PLAN.margin), SEARCHED, budget)
         if steps.converged:
-            cost = evaluate_cost(steps.trajectory, local.centroids, plan.cost).J
+            cost = evaluate_cost(steps.trajectory, local.centroids, PLAN.cost).J
             converged.append((cost, guess, steps))
-    for cost, guess, steps in sorted(converged, key=lambda candidate: candidate[0])[: options.solves]:
+    for cost, guess, steps in sorted(converged, key=lambda candidate: candidate[0])[:SOLVES]:
         known = best.cost if best.outcome == KEPT else math.inf
-        if cost < options.cheaper * known:
-            found = label_of(attempt(local, guess, FromGuess(), budget, plan, steps), scenario)
-            if found.outcome == KEPT and found.cost < options.cheaper * known:
+        if cost < CHEAPER * known:
+            found = label_of(attempt(local, guess, FromGuess(), budget, PLAN, steps), scenario)
+            if found.outcome == KEPT and found.cost < CHEAPER * known:
                 best = replace(found, source=LEARNED)
     return best
 

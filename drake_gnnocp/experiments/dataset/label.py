@@ -16,14 +16,9 @@ OUTCOMES = (KEPT, NO_PATH, UNVERIFIED, TOO_LONG)
 SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 
 
-@dataclass(frozen=True)
-class LabelOptions:
-    """How a task is solved."""
-
-    plan: PlanOptions = PlanOptions()
-    search_seconds: float = 8.0  # s, most for Hybrid A*
-    solve_seconds: float = 15.0  # s, most for the optimal control problem
-    longest: float = 150.0  # s, of a trajectory: longer ones are left out
+PLAN = PlanOptions()  # of all labels
+SEARCH_SECONDS, SOLVE_SECONDS = 8.0, 15.0  # s, most for Hybrid A*, and for the optimal control problem
+LONGEST = 150.0  # s, of a trajectory: longer ones are left out
 
 
 @dataclass(frozen=True)
@@ -38,30 +33,20 @@ class Label:
     source: str = SEARCHED  # of the guess, SEARCHED or LEARNED
 
 
-def label(scenario: Scenario, options: LabelOptions) -> Label:
-    """Solve a task and keep the plan if it is verified.
-
-    Args:
-        scenario: the task, anywhere.
-        options: see `LabelOptions`.
-    """
+def label(scenario: Scenario) -> Label:
+    """Solve a task, anywhere, and keep the plan if it is verified."""
     x0, y0, _ = scenario.start
     local = scenario.translated(-x0, -y0)
-    source = HybridAStar(options.plan.knots, options.plan.search)
-    guess = next(source.guesses(local, Budget.of(options.search_seconds)))
+    guess = next(HybridAStar(PLAN.knots, PLAN.search).guesses(local, Budget.of(SEARCH_SECONDS)))
     if isinstance(guess, NoGuess):
         return Label(NO_PATH)
-    is_long = options.plan.slack * guess.trajectory.duration > options.longest
-    if is_long or len(guess.trajectory) != options.plan.knots:
+    if PLAN.slack * guess.trajectory.duration > LONGEST or len(guess.trajectory) != PLAN.knots:
         return Label(TOO_LONG)
-    made = attempt(local, guess, FromGuess(), Budget.of(options.solve_seconds), options.plan, closely=False)
-    return label_of(made, scenario)
+    return label_of(attempt(local, guess, FromGuess(), Budget.of(SOLVE_SECONDS), PLAN, closely=False), scenario)
 
 
 def label_of(made: Attempt, scenario: Scenario) -> Label:
     """The label that an attempt, made in the frame of the start, is for a scenario."""
+    kept = made.trajectory.translated(*scenario.start[:2]) if made.verified and made.trajectory else None
     cost = float("nan") if made.cost is None else made.cost.J
-    if not made.verified or made.trajectory is None:
-        return Label(UNVERIFIED, None, cost, made.first_iterations, len(made.solves))
-    x0, y0, _ = scenario.start
-    return Label(KEPT, made.trajectory.translated(x0, y0), cost, made.first_iterations, len(made.solves))
+    return Label(KEPT if kept else UNVERIFIED, kept, cost, made.first_iterations, len(made.solves))

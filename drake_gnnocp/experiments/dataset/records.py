@@ -11,7 +11,9 @@ Maps are stored in `.npz` files, one or many a file, as arrays without pickled o
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -71,23 +73,16 @@ def load_records(path: Path) -> list[MapRecord]:
         arrays = dict(file)
     arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept
     rings = iter(np.split(arrays["vertices"], np.cumsum(arrays["ring_size"])[:-1]))
-    slots, tasks, samples = (
-        iter(arrays["slots"]),
-        iter(range(len(arrays["task_outcome"]))),
-        iter(zip(arrays["duration"], arrays["knots"], strict=True)),
-    )
+    slots, rows = iter(arrays["slots"]), iter(range(len(arrays["task_outcome"])))
+    samples = zip(arrays["duration"], arrays["knots"], strict=True)
     records = []
-    for row, index in enumerate(arrays["map_index"].tolist()):
-        place = Place(
-            str(arrays["map_kind"][row]),
-            tuple(arrays["map_area"][row].tolist()),
-            tuple(next(rings) for _ in range(arrays["map_rings"][row])),
-            tuple(next(slots) for _ in range(arrays["map_slots"][row])),
-            Vehicle(*arrays["map_vehicle"][row].tolist()),
-        )
-        rows = [next(tasks) for _ in range(arrays["map_tasks"][row])]
-        labels = tuple(_label(arrays, task, samples) for task in rows)
-        records.append(MapRecord(index, place, tuple(_scenario(arrays, task, place) for task in rows), labels))
+    maps = (arrays[f"map_{key}"] for key in ("index", "kind", "area", "vehicle", "rings", "slots", "tasks"))
+    for index, kind, area, vehicle, n_rings, n_slots, n_tasks in zip(*maps, strict=True):
+        obstacles, free = tuple(islice(rings, n_rings)), tuple(islice(slots, n_slots))
+        place = Place(str(kind), tuple(area.tolist()), obstacles, free, Vehicle(*vehicle.tolist()))
+        of_map = list(islice(rows, n_tasks))
+        tasks = tuple(_scenario(arrays, row, place) for row in of_map)
+        records.append(MapRecord(int(index), place, tasks, tuple(_label(arrays, row, samples) for row in of_map)))
     return records
 
 
@@ -96,13 +91,13 @@ def _scenario(arrays: dict[str, np.ndarray], task: int, place: Place) -> Scenari
     return Scenario(str(name), start, goal, place.obstacles, vehicle=place.vehicle)
 
 
-def _label(arrays: dict[str, np.ndarray], task: int, samples: object) -> Label:
+def _label(arrays: dict[str, np.ndarray], task: int, samples: Iterator[tuple[float, np.ndarray]]) -> Label:
     outcome, cost, iterations, rounds = (
         arrays[f"task_{key}"][task].item() for key in ("outcome", "cost", "iterations", "rounds")
     )
     trajectory = None
     if outcome == KEPT:
-        duration, knots = next(samples)  # type: ignore[call-overload]
+        duration, knots = next(samples)
         knots = knots.astype(float)
         trajectory = Trajectory(np.linspace(0.0, float(duration), len(knots)), knots[:, :5], knots[:, 5:])
     return Label(outcome, trajectory, cost, iterations, rounds, str(arrays["task_source"][task]))

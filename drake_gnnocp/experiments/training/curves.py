@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_gnnocp.experiments.text import csv_text, markdown_table
+from drake_gnnocp.experiments.text import markdown_table
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures import style
 
@@ -36,8 +37,11 @@ SHARES = ("plan_verified", "plan_first")
 def write_curves(path: Path, rows: Rows) -> None:
     """Write a CSV with a row for every epoch; columns that an epoch has no value for are empty."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    cells = [[f"{row[name]:.6g}" if name in row else None for name in columns] for row in rows]
-    write_atomically(path, csv_text(columns, cells))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
+    write_atomically(path, text.getvalue())
 
 
 def draw_curves(ax: Axes, rows: Rows, curves: Sequence[Sequence[str]]) -> Axes:
