@@ -30,7 +30,6 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.timing.minimum_effort import with_duration
 from drake_gnnocp.trajectory import Trajectory
 
-
 HYPOTHESES = 4  # of the network that are looked at
 SAME = 0.5  # m, from the label at most, everywhere: such hypotheses lead to it again and are passed over
 SOLVES = 2  # of them, the cheapest after their SQP steps, at most
