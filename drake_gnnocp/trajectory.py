@@ -15,7 +15,7 @@ COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """States and inputs at N knots.
+    """States and inputs at N knots, kept as arrays of doubles.
 
     Raises:
         ValueError: the arrays do not belong together.
@@ -26,7 +26,9 @@ class Trajectory:
     inputs: np.ndarray  # (N, 2) a, w [m/s^2, rad/s]
 
     def __post_init__(self) -> None:
-        n = len(self.t)
+        for name in ("t", "states", "inputs"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        n = self.t.size
         if n < 2 or self.t.shape != (n,) or self.states.shape != (n, 5) or self.inputs.shape != (n, 2):
             raise ValueError(
                 f"trajectory: t, states, inputs must be (N,), (N, 5), (N, 2) with N >= 2, not "

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -302,44 +301,9 @@ def test_the_reported_attempt_is_the_one_the_plan_is_of(walled_in: dict[str, obj
     assert result.trajectory is result.attempt.trajectory and result.guess is result.attempt.start
 
 
-NOT_FINITE = Trajectory(np.array([0.0, 1.0]), np.full((2, 5), np.nan), np.zeros((2, 2)))
-STANDING_TIME = Trajectory(np.zeros(2), np.zeros((2, 5)), np.zeros((2, 2)))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"guess": 3}, "guess: must be a name, a Trajectory or a GuessSource, not 3"),
-        ({"guess": NOT_FINITE}, "guess: the trajectory has numbers that are not finite"),
-        ({"guess": STANDING_TIME}, "or times that do not increase"),
-        ({"scenario": 3}, "scenario: must be a Scenario, a name or a file, not 3"),
-        ({"options": {"knots": 3}}, "options: must be PlanOptions, not {'knots': 3}"),
-        ({"horizon": None}, "horizon: must be 'guess', 'free' or 0 to 1000 seconds, not None"),
-    ],
-)
-def test_what_cannot_be_meant_is_said_in_one_line(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        plan(**{"scenario": "empty_field", **arguments})
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("knots", 1), ("knots", "a"), ("hypotheses", 0), ("most_attempts", 0), ("margin", -0.1), ("slack", float("nan"))],
-)
-def test_options_that_cannot_be_planned_with_are_named(name: str, value: Any) -> None:
-    with pytest.raises(ValueError, match=f"options.{name}: must be a "):
-        PlanOptions(**{name: value})
-
-
 def test_an_unknown_guess_is_refused() -> None:
     with pytest.raises(GuessUnavailable, match="guess: must be one of"):
         plan(Scenario.load("empty_field"), "nonsense")
-
-
-@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan")])
-def test_an_illegal_budget_is_refused(seconds: float) -> None:
-    with pytest.raises(ValueError, match="max_seconds"):
-        plan(Scenario.load("empty_field"), max_seconds=seconds)
 
 
 @pytest.mark.slow

@@ -123,8 +123,9 @@ def test_auto_goes_on_without_weights(
 
 
 def test_weights_that_are_named_must_be_there(scenario: Scenario) -> None:
-    with pytest.raises(GuessUnavailable, match=r"typo\.pt"):
-        plan(scenario, options=PlanOptions(weights=Path("typo.pt")))
+    for typo in (Path("typo.pt"), "typo.pt"):
+        with pytest.raises(GuessUnavailable, match=r"typo\.pt"):
+            plan(scenario, options=PlanOptions(weights=typo))  # type: ignore[arg-type]
 
 
 def test_weights_that_changed_are_read_again(tmp_path: Path) -> None:

@@ -6,10 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.trajectory import COLUMNS, Trajectory
+
+EQUAL_STEPS = 1e-6  # relative: time steps that differ by less are equally long
 
 
 class GuessUnavailable(ValueError):
@@ -18,13 +22,36 @@ class GuessUnavailable(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A trajectory to begin with: any quality, knots equally spaced in time."""
+    """A trajectory to begin with: any quality, knots equally spaced in time.
+
+    Raises:
+        ValueError: a number is not finite, or the knots are not equally spaced.
+    """
 
     source: str  # name of where it comes from
     trajectory: Trajectory
     seconds: float = 0.0  # s, that it took
     path: GearedPath | None = None  # that the trajectory puts a time to, where there is one
     is_timed: bool = False  # whether it has the timing of an optimum already, and the duration that is wanted
+
+    def __post_init__(self) -> None:
+        check_numbers(self.trajectory)
+        steps = np.diff(self.trajectory.t)
+        if np.ptp(steps) > EQUAL_STEPS * steps.mean():
+            raise ValueError(f"guess: {self.source!r}: the knots must be equally spaced in time")
+
+
+def check_numbers(trajectory: Trajectory) -> None:
+    """Refuse what no solver can begin with.
+
+    Raises:
+        ValueError: a number is not finite, or the times do not increase; the message names the first such knot.
+    """
+    numbers = np.column_stack([trajectory.t, trajectory.states, trajectory.inputs])
+    for knot, column in np.argwhere(~np.isfinite(numbers)):
+        raise ValueError(f"guess: {COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}")
+    for knot in np.flatnonzero(np.diff(trajectory.t) <= 0):
+        raise ValueError(f"guess: t of knot {knot + 1}: must be larger than that of the knot before")
 
 
 @dataclass(frozen=True)
@@ -58,7 +85,7 @@ class GuessSource(Protocol):
         ...
 
     def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
-        """The guesses for a task, the most promising first, each made when it is asked for; at least one item.
+        """The guesses for a task, the most promising first, each made when it is asked for.
 
         Args:
             scenario: the task, with its start at the origin.

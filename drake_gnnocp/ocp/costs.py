@@ -9,7 +9,8 @@ Integrals are sums over the knots times h (a and w are zero at both ends, so for
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -18,16 +19,29 @@ from drake_gnnocp.ocp.rows import A, W, X, Y
 from drake_gnnocp.trajectory import Trajectory
 
 TINY = 1e-12  # m^2, squared distances below have no direction
+LARGEST_WEIGHT = 1e6  # far larger ones leave the solvers no digits
 
 
 @dataclass(frozen=True)
 class CostWeights:
-    """Weights of the cost."""
+    """Weights of the cost.
 
-    lambda1: float = 1.0  # of J1
+    Raises:
+        ValueError: a weight is not a number in (0, LARGEST_WEIGHT] (lambda2 may be 0), or gamma is not above 1.
+    """
+
+    lambda1: float = 1.0  # of J1, which no problem can do without: Ipopt's first Hessian is made of it
     lambda2: float = 1.0  # of J2
     gamma: float = 1.1  # base of J2, > 1: an obstacle 5 m away costs 0.09 a second (the paper leaves it open)
     time: float = 10.0  # 1/s, weight of t_final where it is minimised: plans then use most of the limits
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            least = 1.0 if name == "gamma" else 0.0
+            is_number = isinstance(value, Real) and not isinstance(value, bool)
+            if not is_number or not (least < value <= LARGEST_WEIGHT or name == "lambda2" and value == 0):
+                at_least = "from" if name == "lambda2" else "above"
+                raise ValueError(f"cost.{name}: must be {at_least} {least:g} to {LARGEST_WEIGHT:g}, not {value!r}")
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ the obstacle between them share one as well, in rows of their own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from drake_gnnocp.ocp.formulation import Formulation
 from drake_gnnocp.ocp.obstacles import SHORTEST_EDGE, Pairs, outward_normals
-from drake_gnnocp.ocp.rows import POSE, RowBlock, pose_pattern
+from drake_gnnocp.ocp.rows import POSE, RowBlock, Table, pose_pattern
 from drake_gnnocp.vehicle import Vehicle
 
 WITHIN = 0.8  # m, pairs that get rows
@@ -31,7 +31,7 @@ SWEPT_CLEARANCE = 0.03  # m, asked of these rows; less than what is watched, or 
 
 
 @dataclass(frozen=True, eq=False)
-class _Planes:
+class _Planes(Table):
     """The axes of P pairs: the edge's normal in the world with corners of the car, or the side's with vertices."""
 
     knot: np.ndarray  # (P,)
@@ -41,12 +41,6 @@ class _Planes:
     offset: np.ndarray  # (P,) of the edge or the side along the normal [m]
     points: np.ndarray  # (P, POINTS, 2) corners in the body frame, or vertices in the world [m]
     between: np.ndarray  # (P,) bool, whether the rows are there for the motion to the knot before or after
-
-    def subset(self, which: np.ndarray) -> _Planes:
-        return _Planes(*(getattr(self, field.name)[which] for field in fields(_Planes)))
-
-    def joined(self, other: _Planes) -> _Planes:
-        return _Planes(*(np.concatenate([getattr(p, field.name) for p in (self, other)]) for field in fields(_Planes)))
 
 
 def half_planes(formulation: Formulation, poses: np.ndarray) -> list[RowBlock]:
@@ -68,8 +62,7 @@ def half_planes(formulation: Formulation, poses: np.ndarray) -> list[RowBlock]:
         return []
     margins = np.minimum(formulation.reference_share * formulation.end_clearances, formulation.margins)[planes.obstacle]
     margins[planes.between] = np.minimum(margins[planes.between], SWEPT_CLEARANCE)
-    knots, rows, columns = pose_pattern(planes.knot, POINTS)
-    position = np.unique(planes.knot, return_inverse=True)[1]
+    knots, position, rows, columns = pose_pattern(planes.knot, POINTS)
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, gradient = _values(planes, x.reshape(-1, 3)[position])

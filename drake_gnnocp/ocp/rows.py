@@ -11,7 +11,8 @@ programs linearise them at the knots at hand. A `Box` is the simplest constraint
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Self
 
 import numpy as np
 
@@ -60,7 +61,20 @@ class Box:
     upper: np.ndarray  # (K, C)
 
 
-def pose_pattern(knot: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Base of records whose fields are arrays of the same length."""
+
+    def subset(self, which: np.ndarray) -> Self:
+        """The entries with these indices."""
+        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def joined(self, other: Self) -> Self:
+        """These entries and then the other's."""
+        return type(self)(*(np.concatenate([getattr(t, field.name) for t in (self, other)]) for field in fields(self)))
+
+
+def pose_pattern(knot: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The Jacobian's pattern of rows that depend on the pose of one knot each.
 
     Args:
@@ -68,8 +82,9 @@ def pose_pattern(knot: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray, 
         group: rows of a group.
 
     Returns:
-        The different knots (K,) in their order, and rows and columns (3 G group,) of the entries of x, y and theta.
+        The different knots (K,) in their order, which of them each group has (G,), and rows and columns (3 G group,) of
+        the entries of x, y and theta.
     """
     knots, position = np.unique(knot, return_inverse=True)
     columns = 3 * np.repeat(position, group)[:, None] + np.arange(3)
-    return knots, np.repeat(np.arange(group * len(knot)), 3), columns.ravel()
+    return knots, position, np.repeat(np.arange(group * len(knot)), 3), columns.ravel()

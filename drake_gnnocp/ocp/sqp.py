@@ -70,8 +70,8 @@ class SqpSteps:
 
     trajectory: Trajectory
     steps: int
-    converged: bool  # whether cost and defects had settled, without a violation
-    violation: float  # m, the largest margin that is missing, inf where that is not known
+    converged: bool  # the cost had stopped to change, with defects and violation below their tolerances
+    violation: float  # m, largest one of the half planes, inf where it is not known
     seconds: float  # s
 
 

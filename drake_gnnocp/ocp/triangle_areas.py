@@ -11,13 +11,13 @@ and vertices of the obstacle against the car (rows "obstacle", in the car's fram
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from drake_gnnocp.ocp.formulation import Formulation
 from drake_gnnocp.ocp.obstacles import Pairs, padded
-from drake_gnnocp.ocp.rows import POSE, RowBlock, pose_pattern
+from drake_gnnocp.ocp.rows import POSE, RowBlock, Table, pose_pattern
 from drake_gnnocp.vehicle import Vehicle
 
 KNOTS_PER_BLOCK = 20  # in one callback: 10 took 1.2 times as long an iteration, 5 1.3 times
@@ -27,7 +27,7 @@ SHORTEST = 0.05  # m, least of these lengths
 
 
 @dataclass(frozen=True, eq=False)
-class AreaRows:
+class AreaRows(Table):
     """Points against convex rings, each seen from the frame of the car or of the world."""
 
     knot: np.ndarray  # (R,) knot of the row
@@ -40,10 +40,6 @@ class AreaRows:
 
     def __len__(self) -> int:
         return len(self.knot)
-
-    def subset(self, which: np.ndarray) -> AreaRows:
-        """Some of the rows."""
-        return AreaRows(*(getattr(self, field.name)[which] for field in fields(AreaRows)))
 
 
 def triangle_areas(formulation: Formulation) -> list[RowBlock]:
@@ -60,8 +56,7 @@ def triangle_areas(formulation: Formulation) -> list[RowBlock]:
 
 
 def _block(rows: AreaRows, margins: np.ndarray) -> RowBlock:
-    position = np.unique(rows.knot, return_inverse=True)[1]
-    knots, row, column = pose_pattern(rows.knot, group=1)
+    knots, position, row, column = pose_pattern(rows.knot, group=1)
     per_length = 1.0 / rows.length[:, None]
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,10 +76,7 @@ def rows_near(formulation: Formulation) -> AreaRows:
     vehicle, reference, within = formulation.vehicle, formulation.reference, formulation.rows_within
     pairs = formulation.obstacles.pairs_within(vehicle.footprints(reference.poses), reference.t, within)
     of_car = _nearest_corners(pairs, vehicle, reference.poses, within)
-    of_obstacles = _nearest_vertices(pairs, vehicle, reference.poses, within)
-    return AreaRows(
-        *(np.concatenate([getattr(part, f.name) for part in (of_car, of_obstacles)]) for f in fields(AreaRows))
-    )
+    return of_car.joined(_nearest_vertices(pairs, vehicle, reference.poses, within))
 
 
 def _nearest_corners(pairs: Pairs, vehicle: Vehicle, poses: np.ndarray, within: float) -> AreaRows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 LONGEST = 1000.0  # s, longest duration that is planned: the verification integrates every 5 ms of it
 MEANING = f"must be 'guess', 'free' or 0 to {LONGEST:g} seconds"
@@ -18,13 +19,14 @@ class Fixed:
     """A constant duration, as in the paper.
 
     Raises:
-        ValueError: it is not in (0, LONGEST] [s].
+        ValueError: it is not a number in (0, LONGEST] [s].
     """
 
     seconds: float
 
     def __post_init__(self) -> None:
-        if isinstance(self.seconds, bool) or not 0 < self.seconds <= LONGEST:
+        is_number = isinstance(self.seconds, Real) and not isinstance(self.seconds, bool)
+        if not is_number or not 0 < self.seconds <= LONGEST:
             raise ValueError(f"horizon: {MEANING}, not {self.seconds!r}")
 
 
@@ -44,10 +46,6 @@ def horizon_of(value: Horizon | float | str) -> Horizon:
     """
     if isinstance(value, Horizon):
         return value
-    if value == "guess":
-        return FromGuess()
-    if value == "free":
-        return MinimumTime()
-    if isinstance(value, int | float):
-        return Fixed(value)
-    raise ValueError(f"horizon: {MEANING}, not {value!r}")
+    if isinstance(value, str) and value in ("guess", "free"):
+        return FromGuess() if value == "guess" else MinimumTime()
+    return Fixed(value)  # type: ignore[arg-type]  # which raises where it is no number

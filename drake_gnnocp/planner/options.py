@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from pathlib import Path
 
 from drake_gnnocp.guesses import GuessSource, GuessUnavailable, HybridAStar, Learned, RrtStar, Straight
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
-
-FEWEST_KNOTS = 4  # of a plan: rest, drive, rest
 
 
 @dataclass(frozen=True)
@@ -20,13 +18,13 @@ class PlanOptions:
     """How to plan.
 
     Raises:
-        ValueError: a number is not one that can be planned with; the message names it.
+        ValueError: a value is not a number of its range; the message names it.
     """
 
-    knots: int = 120  # of a plan; more where a path has so many gear changes that they would be too far apart in time
+    knots: int = 120  # of a plan, at least 4; more where a path changes gear so often that they would be too far apart
     margin: float = 0.1  # m, clearance asked of obstacles at the knots, where the guess has it
     cost: CostWeights = field(default_factory=CostWeights)
-    slack: float = 1.1  # duration given to the optimiser over that of a searched path
+    slack: float = 1.1  # at least 1: duration given to the optimiser over that of a searched path
     weights: Path | None = None  # file of the network's weights; None: those that come with the package
     hypotheses: int = 12  # of the network, the most promising: those that SQP steps converge from are solved
     search: HybridAStarOptions = field(default_factory=HybridAStarOptions)
@@ -35,18 +33,22 @@ class PlanOptions:
     most_attempts: int | None = None  # None: all there are
 
     def __post_init__(self) -> None:
-        for name, least in (("knots", FEWEST_KNOTS), ("hypotheses", 1), ("most_attempts", 1)):
+        if self.weights is not None:
+            object.__setattr__(self, "weights", Path(self.weights))  # which may be given as a text
+        for name, least in LEAST_COUNTS.items():
             value = getattr(self, name)
             if name == "most_attempts" and value is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ValueError(f"options.{name}: must be a whole number of {least} or more, not {value!r}")
-        for name, lowest in (("margin", 0.0), ("slack", 1.0)):
+            if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+                raise ValueError(f"options.{name}: must be a whole number of at least {least}, not {value!r}")
+        for name, (low, high) in RANGES.items():
             value = getattr(self, name)
-            if not isinstance(value, int | float) or not lowest <= value < math.inf:
-                raise ValueError(f"options.{name}: must be a number of {lowest:g} or more, not {value!r}")
+            if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
+                raise ValueError(f"options.{name}: must be a number from {low:g} to {high:g}, not {value!r}")
 
 
+LEAST_COUNTS = {"knots": 4, "hypotheses": 1, "seed": 0, "most_attempts": 1}
+RANGES = {"margin": (0.0, 100.0), "slack": (1.0, 100.0)}
 AUTO = "auto"
 SOURCES: dict[str, Callable[[PlanOptions], GuessSource]] = {
     "gnn": lambda options: Learned(options.knots, options.weights, options.hypotheses),

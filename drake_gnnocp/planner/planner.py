@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
+from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
 
-import numpy as np
-
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Given, GuessSource
+from drake_gnnocp.guesses.base import check_numbers
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.planner import minimum_time
 from drake_gnnocp.planner.attempt import Attempt, polished
@@ -22,7 +22,7 @@ from drake_gnnocp.trajectory import Trajectory
 
 
 def plan(
-    scenario: Scenario | Path | str,
+    scenario: Scenario | str | Path,
     guess: str | GuessSource | Trajectory = "auto",
     horizon: Horizon | float | str = "guess",
     max_seconds: float = 60.0,
@@ -41,16 +41,18 @@ def plan(
         options: see `PlanOptions`.
 
     Raises:
-        ValueError: scenario, guess, horizon or max_seconds is not one of the above.
+        ValueError: scenario, guess, horizon or max_seconds is not one of the above, before anything is planned; or a
+            source of your own makes a guess that is not one (see `Guess`).
     """
     options, horizon = options or PlanOptions(), horizon_of(horizon)
     if not isinstance(options, PlanOptions):
         raise ValueError(f"options: must be PlanOptions, not {shown(options)}")
-    scenario = Scenario.load(scenario) if isinstance(scenario, str | Path) else scenario
+    if isinstance(scenario, str | Path):
+        scenario = Scenario.load(scenario)
     if not isinstance(scenario, Scenario):
-        raise ValueError(f"scenario: must be a Scenario, a name or a file, not {shown(scenario)}")
+        raise ValueError(f"scenario: must be a Scenario, a bundled name or a file, not {shown(scenario)}")
     source = _source(scenario, guess, options)
-    if not max_seconds > 0:
+    if not isinstance(max_seconds, Real) or not max_seconds > 0:
         raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
     begin = time.monotonic()
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
@@ -75,13 +77,11 @@ def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: 
     if isinstance(guess, str):
         return source_named(guess, options)
     if isinstance(guess, Trajectory):
-        numbers = np.column_stack([guess.t, guess.states, guess.inputs])
-        if not np.isfinite(numbers).all() or not (np.diff(guess.t) > 0).all():
-            raise ValueError("guess: the trajectory has numbers that are not finite, or times that do not increase")
+        check_numbers(guess)
         x0, y0, _ = scenario.start
         return Given(guess.translated(-x0, -y0).resampled(max(len(guess), options.knots)))
     if not hasattr(guess, "guesses"):
-        raise ValueError(f"guess: must be a name, a Trajectory or a GuessSource, not {shown(guess)}")
+        raise ValueError(f"guess: must be a name, a source or a trajectory, not {shown(guess)}")
     guess.check_available()
     return guess
 

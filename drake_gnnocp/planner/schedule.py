@@ -26,6 +26,7 @@ LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next on
 SEARCH_SHARE = 0.7  # of the time, at most, for a search
 CHOOSING_SHARE, CHOOSING_SECONDS = 0.1, 2.0  # of the time, and s (but half of it at most), for choosing a hypothesis
 HYPOTHESIS_SHARE, FIRST_SHARE, OTHER_SHARE = 0.1, 0.4, 0.5  # of the time that is left, for a solve
+NO_GUESSES = "the source made no guess"
 NONE_CONVERGED = "SQP steps converged from no hypothesis"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
@@ -50,19 +51,21 @@ class Schedule:
         except GuessUnavailable as error:
             logger.warning("%s; going on with Hybrid A*", error)
         else:
-            self._try_best_of(network)
+            self._try_hypotheses(network, only_best=True)
         if self._may_go_on:
             self.try_source(SOURCES["hybrid_astar"](self.options))
 
     def try_source(self, source: GuessSource) -> None:
         """The guesses of one source, by the way in which it makes them."""
         if source.proposes_many:
-            self._try_hypotheses(source)
+            self._try_hypotheses(source, only_best=False)
             return
         for guess in source.guesses(self.scenario, self.budget.share(SEARCH_SHARE)):
             self._try_path(source, guess)
             if not self._may_go_on or self.attempts[-1].is_refused:
-                break
+                return
+        if not self.attempts:
+            self._try(NoGuess(source.name, NO_GUESSES))
 
     @property
     def _is_verified(self) -> bool:
@@ -96,7 +99,7 @@ class Schedule:
             self._try(guess)
             if isinstance(guess, NoGuess) and isinstance(source, HybridAStar) and self._may_go_on:
                 straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
-                self._try(next(straight.guesses(self.scenario, self.budget)), OTHER_SHARE)
+                self._try(self._first(straight), OTHER_SHARE)
             return
         # a search finds no shorter path for the next attempt than the one before
         if self._try(guess, FIRST_SHARE).is_refused:
@@ -112,34 +115,34 @@ class Schedule:
             if not self._may_go_on:
                 return
             search = HybridAStar(self.options.knots, HybridAStarOptions(costs=QUICK), first)
-            found = next(search.guesses(self.scenario, self.budget.share(SEARCH_SHARE)))
+            found = self._first(search, SEARCH_SHARE)
             if isinstance(found, Guess):
                 self._try(found, OTHER_SHARE)
 
-    def _try_best_of(self, source: GuessSource) -> None:
-        """The best hypothesis: there is a surer second attempt than another one."""
-        if isinstance(self.horizon, Fixed):  # SQP steps were not made for a duration that is not the hypothesis's
-            self._try(next(source.guesses(self.scenario, self.budget)), HYPOTHESIS_SHARE)
-            return
-        left = self.budget.left
-        choosing = self.budget.at_most(max(CHOOSING_SHARE * left, min(CHOOSING_SECONDS, left / 2)))
-        begin = time.monotonic()
-        for guess, steps in screened(self.scenario, source, choosing, self.options):
-            self._try(guess, HYPOTHESIS_SHARE, steps)
-            return
-        self._try(NoGuess(source.name, NONE_CONVERGED, time.monotonic() - begin))
+    def _try_hypotheses(self, source: GuessSource, only_best: bool) -> None:
+        """The hypotheses that SQP steps converge from, in turn.
 
-    def _try_hypotheses(self, source: GuessSource) -> None:
-        """All hypotheses that are worth a solve; where there is none, the first one as it is."""
-        if isinstance(self.horizon, Fixed):
-            self._try(next(source.guesses(self.scenario, self.budget)))
+        Args:
+            source: of hypotheses.
+            only_best: whether only the first of them is solved, since there is a surer next attempt than another one.
+                Otherwise all are, and the most promising hypothesis as it is where none leads to a plan.
+        """
+        if isinstance(self.horizon, Fixed):  # SQP steps were not made for a duration that is not the hypothesis's
+            self._try(self._first(source), HYPOTHESIS_SHARE if only_best else 1.0)
             return
-        for guess, steps in screened(self.scenario, source, self.budget, self.options):
+        begin, left = time.monotonic(), self.budget.left
+        choosing = self.budget.at_most(max(CHOOSING_SHARE * left, min(CHOOSING_SECONDS, left / 2)))
+        for guess, steps in screened(self.scenario, source, choosing if only_best else self.budget, self.options):
             self._try(guess, HYPOTHESIS_SHARE, steps)
-            if not self._may_go_on:
+            if only_best or not self._may_go_on:
                 return
-        if self._may_go_on:
-            self._try(next(source.guesses(self.scenario, self.budget)), HYPOTHESIS_SHARE)
+        if only_best:
+            self._try(NoGuess(source.name, NONE_CONVERGED, time.monotonic() - begin))
+        elif self._may_go_on:
+            self._try(self._first(source), HYPOTHESIS_SHARE)
+
+    def _first(self, source: GuessSource, share: float = 1.0) -> Guess | NoGuess:
+        return next(source.guesses(self.scenario, self.budget.share(share)), NoGuess(source.name, NO_GUESSES))
 
 
 def screened(

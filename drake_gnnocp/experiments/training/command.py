@@ -34,7 +34,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Train a network on the dataset. A training that was stopped goes on where it was. Writes last.pt "
         "(to go on), best.pt (the weights that planned best on validation maps), curves.csv and curves.png.",
         epilog="Exit code: 0 done; 2 bad input. To use other weights than the package's: "
-        "plan(..., options=PlanOptions(guess=GuessOptions(weights=Path('best.pt')))).",
+        "plan(..., options=PlanOptions(weights=Path('best.pt'))).",
     )
     add = parser.add_argument
     add("--config", choices=CONFIGS, default="default", help="which network (default: %(default)s)")
