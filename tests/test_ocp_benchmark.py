@@ -8,17 +8,17 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.experiments.benchmark.methods import CASADI, our_numbers, solver_named
-from drake_gnnocp.experiments.benchmark.peers.casadi_peer import formulate
-from drake_gnnocp.experiments.benchmark.peers.problem import PairRows, PeerProblem, peer_problem
-from drake_gnnocp.experiments.benchmark.peers.tutorial import build_tutorial
+from drake_gnnocp.experiments.benchmark.casadi_peer import PairRows, nonlinear_program, pair_rows, solve_with_casadi
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
 from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
 from drake_gnnocp.ocp.dynamics import defects
+from drake_gnnocp.ocp.formulation import Formulation, formulate
+from drake_gnnocp.ocp.triangle_areas import rows_near
 from drake_gnnocp.verification import verify
 
 EXACT = 1e-11  # two ways of computing the same number; areas cancel a few digits
 N_TASKS = 12
+MARGIN = 0.1  # m
 
 
 # ---------------------------------------------------------------------------------------------------------------- maps
@@ -71,7 +71,7 @@ def test_maps_have_rectangles_convex_and_concave_polygons() -> None:
 
 
 @pytest.fixture(scope="module")
-def problem() -> PeerProblem:
+def problem() -> Formulation:
     """A small program with rows of every kind, around a guess that turns once more than the goal."""
     rng = np.random.default_rng(0)
     t = np.linspace(0.0, 6.0, 9)
@@ -84,15 +84,15 @@ def problem() -> PeerProblem:
     )
     goal = guess.poses[-1] - [0, 0, 2 * math.pi]
     scenario = Scenario("small", guess.poses[0], goal, obstacles, bounds=(-3.0, 13.0, -5.0, 6.0))
-    return peer_problem(scenario, guess, our_numbers())
+    return formulate(scenario, guess, CostWeights(), MARGIN)
 
 
-def random_point(problem: PeerProblem) -> np.ndarray:
+def random_point(problem: Formulation) -> np.ndarray:
     rng = np.random.default_rng(1)
-    return np.hstack([problem.guess.states, problem.guess.inputs]) + rng.normal(0, 0.2, (len(problem.guess), 7))
+    return problem.knots + rng.normal(0, 0.2, problem.knots.shape)
 
 
-def distances_of_rows(rows: PairRows, knots: np.ndarray, vehicle_scenario: Scenario) -> np.ndarray:
+def distances_of_rows(rows: PairRows, knots: np.ndarray) -> np.ndarray:
     """(sum of the triangles - area) / length by shapely, one triangle after the other."""
     values = []
     for k, point, length in zip(rows.knot, rows.point, rows.length, strict=True):
@@ -105,82 +105,65 @@ def distances_of_rows(rows: PairRows, knots: np.ndarray, vehicle_scenario: Scena
     return np.array(values)
 
 
-def expected_rows(problem: PeerProblem, knots: np.ndarray) -> list[np.ndarray]:
-    """All rows, less their lower bounds, by our own functions: defects, areas, bounds."""
-    scenario = problem.scenario
-    rows = [defects(knots, problem.step, scenario.vehicle)[0].ravel()]
-    rows += [distances_of_rows(pair, knots, scenario) - problem.margin for pair in problem.pairs]
-    footprints = scenario.vehicle.footprints(knots[:, :3])
-    for side in problem.sides:
-        distance = side.sign * (footprints[side.knots][..., side.axis] - side.bound)
-        rows.append(distance.ravel() - problem.bounds_margin)
-    return rows
-
-
-def test_the_peers_rows_and_cost_are_ours_at_a_random_point(problem: PeerProblem) -> None:
-    assert len(problem.pairs) == 3 and any(len(side.knots) for side in problem.sides)
-    knots = random_point(problem)
-    nlp = formulate(problem)
+def test_the_peers_rows_and_cost_are_ours_at_a_random_point(problem: Formulation) -> None:
+    pairs, knots = pair_rows(problem), random_point(problem)
+    assert [rows.of_car for rows in pairs].count(False) == 1 and len(pairs) > 3  # two obstacles, and walls
+    nlp = nonlinear_program(problem)
     g, f = ca.Function("evaluate", [nlp.x], [nlp.g, nlp.f])(knots.ravel())
-    expected = np.concatenate(expected_rows(problem, knots))
-    assert problem.n_rows == len(expected) == nlp.g.numel()
+    areas = [distances_of_rows(rows, knots) - rows.margin for rows in pairs]
+    expected = np.concatenate([defects(knots, problem.step, problem.vehicle)[0].ravel(), *areas])
     np.testing.assert_allclose(np.array(g).ravel() - nlp.g_low, expected, atol=EXACT)
     equality = nlp.g_low == nlp.g_high
-    assert equality.sum() == 5 * (len(problem.guess) - 1) and np.isinf(nlp.g_high[~equality]).all()
-    trajectory = Trajectory(problem.guess.t, knots[:, :5], knots[:, 5:])
+    assert equality.sum() == 5 * (len(knots) - 1) and np.isinf(nlp.g_high[~equality]).all()
+    trajectory = Trajectory(problem.reference.t, knots[:, :5], knots[:, 5:])
     assert float(f) == pytest.approx(evaluate_cost(trajectory, problem.centroids, CostWeights()).J, rel=EXACT)
 
 
-def test_the_tutorials_rows_and_cost_are_ours_at_a_random_point(problem: PeerProblem) -> None:
-    knots = random_point(problem)
-    program, variables = build_tutorial(problem)
-    program.SetInitialGuess(variables, knots)
-    point = program.initial_guess()
-    rows, costs = [], 0.0
-    for binding in program.generic_constraints():
-        evaluator = binding.evaluator()
-        value = evaluator.Eval(point[program.FindDecisionVariableIndices(binding.variables())])
-        rows.append(value - evaluator.lower_bound())
-    for binding in program.GetAllCosts():
-        costs += binding.evaluator().Eval(point[program.FindDecisionVariableIndices(binding.variables())])[0]
-    # sorted: the tutorial takes the rows of a polygon knot by knot
-    np.testing.assert_allclose(
-        np.sort(np.concatenate(rows)), np.sort(np.concatenate(expected_rows(problem, knots))), atol=EXACT
-    )
-    trajectory = Trajectory(problem.guess.t, knots[:, :5], knots[:, 5:])
-    assert costs == pytest.approx(evaluate_cost(trajectory, problem.centroids, CostWeights()).J, rel=EXACT)
+def test_the_peer_asks_for_the_rows_and_margins_that_we_ask_for(problem: Formulation) -> None:
+    def sorted_rows(knot: np.ndarray, point: np.ndarray, length: np.ndarray, margin: np.ndarray) -> np.ndarray:
+        rows = np.column_stack([knot, point, length, margin])
+        return rows[np.lexsort(rows.round(6).T)]
+
+    ours = rows_near(problem)
+    peers = [
+        np.concatenate(part)
+        for part in zip(
+            *((rows.knot, rows.point, rows.length, rows.margin) for rows in pair_rows(problem)), strict=True
+        )
+    ]
+    expected = sorted_rows(ours.knot, ours.point, ours.length, problem.margins[ours.obstacle])
+    np.testing.assert_allclose(sorted_rows(*peers), expected, atol=EXACT)
 
 
-def test_pair_rows_are_distances_at_the_guess(problem: PeerProblem) -> None:
-    guess, scenario = problem.guess, problem.scenario
-    cars = shapely.polygons(scenario.vehicle.footprints(guess.poses))
-    knots = np.hstack([guess.states, guess.inputs])
+def test_pair_rows_are_distances_at_the_guess(problem: Formulation) -> None:
+    guess = problem.reference
+    cars = shapely.polygons(problem.vehicle.footprints(guess.poses))
     least = np.full(len(guess), math.inf)
-    for pair in problem.pairs:
-        np.minimum.at(least, pair.knot, distances_of_rows(pair, knots, scenario))
+    for rows in pair_rows(problem):
+        np.minimum.at(least, rows.knot, distances_of_rows(rows, problem.knots))
     for k in np.flatnonzero(np.isfinite(least)):
         # the nearest of all rows is the distance: no two edges are nearest to each other here
-        assert least[k] == pytest.approx(shapely.distance(cars[k], shapely.union_all(scenario.polygons)), abs=1e-9)
+        assert least[k] == pytest.approx(shapely.distance(cars[k], problem.obstacles.polygons).min(), abs=1e-9)
 
 
-def test_the_peer_keeps_the_turns_of_the_guess_and_fixes_both_ends(problem: PeerProblem) -> None:
-    assert problem.goal[2] == pytest.approx(problem.guess.poses[-1, 2])
-    nlp = formulate(problem)
+def test_the_peer_keeps_the_turns_of_the_guess_and_fixes_both_ends(problem: Formulation) -> None:
+    nlp = nonlinear_program(problem)
     low, high = nlp.x_low.reshape(-1, 7), nlp.x_high.reshape(-1, 7)
-    for k, pose in ((0, problem.scenario.start), (-1, problem.goal)):
-        np.testing.assert_array_equal(low[k], [*pose, 0, 0, 0, 0])
+    for k in (0, -1):
+        np.testing.assert_allclose(low[k], [*problem.reference.poses[k], 0, 0, 0, 0], atol=EXACT)
         np.testing.assert_array_equal(high[k], low[k])
-    assert np.isinf(high[1:-1, :3]).all()
-    np.testing.assert_array_equal(high[1:-1, 3:], np.tile(problem.limits, (len(low) - 2, 1)))
+    vehicle = problem.vehicle
+    limits = [vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max]
+    assert np.isinf(high[1:-1, :3]).all() and (high[1:-1, 3:] == limits).all() and (low[1:-1] == -high[1:-1]).all()
 
 
-@pytest.mark.parametrize("method", CASADI)
-def test_the_peer_solves_a_task_to_a_verified_plan(method: str) -> None:
+@pytest.mark.parametrize("expand", [False, True])
+def test_the_peer_solves_a_task_to_a_verified_plan(expand: bool) -> None:
     scenario = Scenario("lane", np.zeros(3), np.array([12.0, 1.0, 0.0]), (np.array([[4.0, -5], [8, -5], [6, -1.2]]),))
     t = np.linspace(0.0, 12.0, 25)
     states = np.zeros((25, 5))
     states[:, 0] = t
-    problem = peer_problem(scenario, Trajectory(t, states, np.zeros((25, 2))), our_numbers())
-    solution = solver_named(method)(problem, 20.0)
+    problem = formulate(scenario, Trajectory(t, states, np.zeros((25, 2))), CostWeights(), MARGIN)
+    solution = solve_with_casadi(problem, expand, 20.0)
     assert solution.success and solution.iterations > 0
     assert verify(scenario, solution.trajectory).verified

@@ -14,14 +14,13 @@ Of solving:
 - drake: ours, refined until it is verified.
 - casadi_mx, casadi_sx: the peer with its best settings, its graph mapped or expanded; one solve.
 - casadi_plain: casadi_mx with Ipopt's default options.
-- tutorial: Drake as a user would first write it; one solve.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,13 +29,12 @@ import numpy as np
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.benchmark.disparity import disparity
 from drake_gnnocp.experiments.benchmark.guesses import blocked_share, mean_defect
-from drake_gnnocp.experiments.benchmark.peers.problem import OurNumbers, PeerProblem, PeerSolution, peer_problem
 from drake_gnnocp.experiments.benchmark.runs import Key, Run
 from drake_gnnocp.experiments.benchmark.tasks import Task
 from drake_gnnocp.guesses import Guess, GuessUnavailable
 from drake_gnnocp.guesses.learned import bundled_weights
 from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
-from drake_gnnocp.ocp.formulation import BOUNDS_MARGIN, END_SHARE, ROWS_WITHIN
+from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL
 from drake_gnnocp.planner import FromGuess, Plan, PlanOptions, plan
 from drake_gnnocp.planner.attempt import attempt
@@ -51,8 +49,7 @@ PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR, AUTO, GNN_PAPER, GNN_DIRECT, HYBRID_AST
 DIRECT = {GNN_DIRECT: GNN, HYBRID_ASTAR_DIRECT: HYBRID_ASTAR}
 KINDS = {GNN_PAPER: GNN, **DIRECT}  # of the guess that the planner is asked for, where the method's name is another
 
-DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN, TUTORIAL = "drake", "casadi_mx", "casadi_sx", "casadi_plain", "tutorial"
-SOLVERS = (DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN, TUTORIAL)
+DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN = SOLVERS = ("drake", "casadi_mx", "casadi_sx", "casadi_plain")
 CASADI = (CASADI_MX, CASADI_SX)  # the peer is the faster of the two, task by task
 DRAKE_SUCCESS = ("Success", "Stop at acceptable point")
 STOP_NOTE = f"""\
@@ -245,47 +242,23 @@ def _with_drake(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: fl
 
 
 def _with_peer(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
-    begin = time.perf_counter()
-    problem = peer_problem(scenario, guess, our_numbers())
-    chosen = time.perf_counter() - begin  # choosing the rows is part of building
-    solution = solver_named(run.method)(problem, max_seconds - chosen)
+    from drake_gnnocp.experiments.benchmark.casadi_peer import solve_with_casadi  # optional
+
+    begin, options = time.perf_counter(), PlanOptions()
+    problem = formulate(scenario, guess, options.cost, options.margin)
+    solution = solve_with_casadi(problem, run.method == CASADI_SX, max_seconds, run.method != CASADI_PLAIN)
+    total = time.perf_counter() - begin
     made = replace(
         run,
-        build_s=chosen + solution.build_seconds,
+        build_s=total - solution.solve_seconds,
         solve_s=solution.solve_seconds,
-        total_s=time.perf_counter() - begin,
+        total_s=total,
         first_iterations=solution.iterations,
         iterations=solution.iterations,
         rounds=1,
-        rows=problem.n_rows,
+        rows=solution.rows,
         converged=solution.success,
         status=solution.status,
     )
     numbers = np.concatenate([solution.trajectory.states.ravel(), solution.trajectory.inputs.ravel()])
     return made, solution.trajectory if np.isfinite(numbers).all() else guess  # solvers may return NaN
-
-
-def our_numbers() -> OurNumbers:
-    """What the peers' problem has in common with ours."""
-    options = PlanOptions()
-    weights, margins = options.cost, (ROWS_WITHIN, options.margin, BOUNDS_MARGIN, END_SHARE)
-    return OurNumbers(*margins, weights.lambda1, weights.lambda2, weights.gamma)
-
-
-def solver_named(name: str) -> Callable[[PeerProblem, float], PeerSolution]:
-    """One of SOLVERS that is a peer, as a function of the problem and the seconds that it may take."""
-    if name == TUTORIAL:
-        from drake_gnnocp.experiments.benchmark.peers.tutorial import solve_tutorial
-
-        return solve_tutorial
-    from drake_gnnocp.experiments.benchmark.peers.casadi_peer import PLAIN, TUNED, solve_with_casadi
-
-    limit = {"max_iter": USUAL.max_iterations}
-    progress = {  # the rule to stop by progress is ours, number for number
-        "acceptable_constr_viol_tol": USUAL.feasibility,
-        "acceptable_compl_inf_tol": USUAL.complementarity,
-        "acceptable_obj_change_tol": USUAL.objective_change,
-        "acceptable_iter": USUAL.settled_iterations,
-    }
-    settings = PLAIN | limit if name == CASADI_PLAIN else TUNED | progress | limit
-    return lambda problem, seconds: solve_with_casadi(problem, name == CASADI_SX, seconds, settings)

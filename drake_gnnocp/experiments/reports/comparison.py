@@ -19,7 +19,7 @@ RANGE = {"median": 0.5, "p5": 0.05, "p95": 0.95}
 
 MAP_TITLE = "# The paper's performance comparison\n"
 MAP_NOTE = """\
-Medians over the repeats, failures included. *Planning* makes the guess (the network's includes the convex steps of
+Medians over the repeats, failures included. *Planning* makes the guess (the network's includes the SQP steps of
 hypotheses that were passed over); *optimisation* builds and solves the programs of all attempts; *total* adds the
 verifications. *Paper*: what it prints, from its own machine and maps: compare the ratios. *Verified* is the independent
 dense check, which the paper does not have.
@@ -29,23 +29,23 @@ The method's time over that of GNN-OCP in the same repeat; beside it the same of
 """
 MAP_NAMES = "map: {scenario} | method: {method}"
 MAP_SECONDS = " | ".join(f"{part} s: {{{part}_s:.3f}} | paper: {{{part}_paper_s:.3f}}" for part in PARTS)
-MAP_COLUMNS = f"""{MAP_NAMES} | {MAP_SECONDS} | verified: {{verified}}/{{runs}} | convex steps: {{convex_steps:.0f}} |
+MAP_COLUMNS = f"""{MAP_NAMES} | {MAP_SECONDS} | verified: {{verified}}/{{runs}} | SQP steps: {{convex_steps:.0f}} |
     iterations: {{iterations:.0f}} | cost J: {{cost:.2f}}"""
 MAP_RATIOS = " | ".join(f"{part}: {{{part}_ratio:.2f}} | paper: {{{part}_paper_ratio:.2f}}" for part in PARTS)
 
 UNSEEN_TITLE = "# The methods on {n} tasks of maps that are in no training\n"
 UNSEEN_NOTE = """\
-Median / 95th percentile, failures included: iterations and convex steps over the tasks with a *solve* (where no
+Median / 95th percentile, failures included: iterations and SQP steps over the tasks with a *solve* (where no
 hypothesis is worth one, there is none), *both* their sum, seconds over all; cost J and clearance over the verified
-plans. *Planning* of the network includes the convex steps of hypotheses that were passed over. The methods ending in
-*direct* give their first guess to Ipopt as it is, without convex steps, and make one attempt: what the guess is worth
+plans. *Planning* of the network includes the SQP steps of hypotheses that were passed over. The methods ending in
+*direct* give their first guess to Ipopt as it is, without SQP steps, and make one attempt: what the guess is worth
 to Ipopt alone.
 """
 UNSEEN_RATIO_NOTE = """\
 The method over gnn, task by task: median (5th to 95th percentile). Of all tasks first, then of those that both solved.
 """
 UNSEEN_COLUMNS = """method: {method} | attempted: {attempted} | verified: {verified} ({verified_percent:.1f} %) |
-    with a solve: {solved} | convex steps: <convex_steps:0> | first solve, iterations: <first_iterations:0> |
+    with a solve: {solved} | SQP steps: <convex_steps:0> | first solve, iterations: <first_iterations:0> |
     both: <first_steps:0> | all iterations: <iterations:0> | planning s: <planning_s:2> |
     optimisation s: <optimisation_s:2> | total s: <total_s:2> | cost J: {cost_median:.2f} |
     clearance m: {clearance_m_median:.2f}"""

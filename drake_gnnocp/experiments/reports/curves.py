@@ -13,13 +13,13 @@ from drake_gnnocp.experiments.reports.report import SECONDS, WORK
 SHARES = {"median": 0.5, "p25": 0.25, "p75": 0.75, "p95": 0.95}
 NOTES = """\
 One thread; all values of a parameter plan the same tasks, on maps that are in no training, one after the other in the
-same process. Median / 95th percentile, failures included: iterations and convex steps over the tasks with a *solve*
+same process. Median / 95th percentile, failures included: iterations and SQP steps over the tasks with a *solve*
 (where no hypothesis is worth one, there is none), seconds over all. *Clearance* is the median over the verified plans,
 *cost* the median ratio to that of the default where both are verified (where the parameter changes the cost itself,
 there is none). *gnn_direct* gives the first hypothesis to Ipopt as it is. The default is in bold type.
 """
 COLUMNS = """{name}: {{shown}} | guess: {{guess}} | verified: {{verified}} ({{verified_percent:.0f}} %) |
-    with a solve: {{solved}} | Ipopt's iterations: <iterations:0> | convex steps: <convex_steps:0> |
+    with a solve: {{solved}} | Ipopt's iterations: <iterations:0> | SQP steps: <convex_steps:0> |
     planning s: <planning_s:2> | optimisation s: <optimisation_s:2> | total s: <total_s:2> |
     clearance m: {{clearance_m_median:.2f}} | cost: {{cost_ratio_median:.2f}}"""
 

@@ -17,7 +17,7 @@ from drake_gnnocp.pictures import style
 ROW, LEGEND = 1.55, 0.5  # inch, heights of a row of panels and of the legend
 SERIES: dict[str, tuple[str, dict[str, Any]]] = {  # name and look; hollow markers show what is below them
     GNN: ("GNN", {"color": style.PLAN, "marker": "o", "markersize": 3}),
-    GNN_DIRECT: ("GNN, no convex steps", {"color": style.START, "marker": "^", "markersize": 5.5}),
+    GNN_DIRECT: ("GNN, no SQP steps", {"color": style.START, "marker": "^", "markersize": 5.5}),
     HYBRID_ASTAR: ("Hybrid A*", {"color": style.GUESS, "marker": "s", "markersize": 5.5}),
 }
 QUARTILES = ("median", "p25", "p75")
@@ -34,7 +34,7 @@ def analysis_figure(curves_of: Sequence[tuple[Parameter, pd.DataFrame]]) -> Figu
             curves(ax, "", parameter.label, label)
             mark_values(ax, parameter, rows)
         draw_curve(iterations, rows, "iterations", "Ipopt's iterations")
-        draw_curve(iterations, rows, "convex_steps", "convex steps", "--", band=False)
+        draw_curve(iterations, rows, "convex_steps", "SQP steps", "--", band=False)
         draw_curve(time, rows, "total_s", "")
         draw_verified(verified, rows)
         for ax in (iterations, time):

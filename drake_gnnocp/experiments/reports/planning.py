@@ -47,7 +47,7 @@ NAMED_COLUMNS = """scenario: {scenario} | method: {method} |
 SET_COLUMNS = """maps: {maps} | method: {method} | attempted: {attempted} |
     verified: {verified} ({verified_percent:.0f} %) | without fallback: {own} ({own_percent:.0f} %) |
     guess s: <guess_s:2> | build s: <build_s:2> | solve s: <solve_s:2> | total s: <total_s:2> |
-    guess + build + solve s: <planned_s:2> | convex steps: <convex_steps:0> |
+    guess + build + solve s: <planned_s:2> | SQP steps: <convex_steps:0> |
     first solve, iterations: <first_iterations:0> | all iterations: <iterations:0> | cost J: {cost:.2f}"""
 SPREAD_OF = ["guess_s", "build_s", "solve_s", "total_s", "planned_s", "convex_steps", "first_iterations", "iterations"]
 RATIOS = [(method, other) for method in (GNN, AUTO, GNN_PAPER) for other in (HYBRID_ASTAR, RRT_STAR)]

@@ -14,7 +14,7 @@ import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, count, reported, seconds
 from drake_gnnocp.experiments.benchmark.guesses import BAD_GUESSES, SEARCHED
-from drake_gnnocp.experiments.benchmark.methods import CASADI, DRAKE, SOLVERS, STOP_NOTE, TUTORIAL
+from drake_gnnocp.experiments.benchmark.methods import CASADI, DRAKE, SOLVERS, STOP_NOTE
 from drake_gnnocp.experiments.benchmark.solving import NO_METHOD, Settings, solving_engine, solving_jobs
 from drake_gnnocp.experiments.benchmark.tasks import Task, named_tasks, random_tasks
 from drake_gnnocp.experiments.options import TIMING_EPILOG, add_budget, add_out, measuring_parser
@@ -31,15 +31,14 @@ iterations are median / 95th percentile over all attempted tasks, failures inclu
 `build + solve` is the sum over all rounds; `whole call` adds the verifications between them. *Verified* is the
 independent dense check for all methods.
 
-- `drake`: convex steps (their time is in `solve s`), then Ipopt, refined until verified. {STOP_NOTE}
+- `drake`: SQP steps (their time is in `solve s`), then Ipopt, refined until verified. {STOP_NOTE}
 - `{PEER}`: CasADi, exact Hessian, MUMPS, the Ipopt settings that were best for it (adaptive
   barrier, kkt-error globalisation), the first of these rules to stop, the same pairs; one solve, not refined. Task by
   task the faster of `casadi_mx` (mapped graph) and `casadi_sx` (expanded), of those that converged.
 - `casadi_plain`: `casadi_mx` with Ipopt's default options.
-- `tutorial`: Drake with unscaled variables, a Python callback a constraint, dense gradients, Ipopt's default options.
 """
 COUNTS = """attempted: {attempted} | converged: {converged} | verified: {verified} ({verified_percent:.0f} %) |
-    convex steps: <convex_steps:0> | first solve, iterations: <first_iterations:0> | all iterations: <iterations:0> |
+    SQP steps: <convex_steps:0> | first solve, iterations: <first_iterations:0> | all iterations: <iterations:0> |
     rounds, mean: {rounds_mean:.2f}"""
 METHOD_COLUMNS = f"""method: {{method}} | {COUNTS} | rows: {{rows:.0f}} | build s: <build_s:2> | solve s: <solve_s:2> |
     build + solve s: <optimisation_s:2> | whole call s: <total_s:2> | total s: {{optimisation_sum:.1f}} |
@@ -64,7 +63,6 @@ def _parser() -> OneLineParser:
     add("--library", action="store_true", help="run the bundled scenarios instead of random tasks")
     methods = f"some of {', '.join(SOLVERS)} (default: {' '.join(USUAL)})"
     add("--methods", nargs="+", choices=SOLVERS, default=USUAL, metavar="METHOD", help=methods)
-    add("--tutorial", type=count, default=0, metavar="N", help="run the slow 'tutorial' on the first N tasks as well")
     add("--perturb", action="store_true", help="start ours from bad guesses as well, and from its own optimum")
     add_budget(parser, DEFAULTS.max_seconds, "limit of one method on one task")
     limit = "wall-clock limit of Hybrid A* on one task in seconds (default: %(default)g)"
@@ -83,13 +81,13 @@ def _knots(text: str) -> int:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the summary; returns the exit code."""
     given = _parser().parse_args(argv)
-    methods, n_tutorials, folder = list(dict.fromkeys(given.methods)), given.tutorial, given.out
+    methods, folder = list(dict.fromkeys(given.methods)), given.out
     settings = Settings(given.knots, given.max_seconds, given.search_seconds)
 
     def texts() -> Iterator[str]:
         check_casadi(methods)
         tasks = named_tasks(bundled_scenarios()) if given.library else random_tasks(given.seed, given.tasks)
-        yield run(tasks, methods, n_tutorials, given.perturb, settings, folder)
+        yield run(tasks, methods, given.perturb, settings, folder)
 
     return reported(texts(), folder)
 
@@ -100,17 +98,11 @@ def check_casadi(methods: Sequence[str]) -> None:
         raise ValueError("--methods: casadi is not installed: pip install -e .[bench], or choose --methods drake")
 
 
-def run(
-    tasks: list[Task], methods: list[str], n_tutorials: int, perturb: bool, settings: Settings, folder: Path
-) -> str:
-    """Run methods on tasks, and the tutorial on the first ones; returns the summary, which is written."""
+def run(tasks: list[Task], methods: list[str], perturb: bool, settings: Settings, folder: Path) -> str:
+    """Run methods on tasks; returns the summary, which is written."""
     folder.mkdir(parents=True, exist_ok=True)
     engine = solving_engine(folder, settings)
-    jobs = []
-    for i, task in enumerate(tasks):
-        wanted = list(dict.fromkeys([*methods, TUTORIAL] if i < n_tutorials else methods))
-        jobs.append(solving_jobs(task, wanted, perturb, settings, folder))
-    engine.run(jobs)
+    engine.run([solving_jobs(task, methods, perturb, settings, folder) for task in tasks])
     summary = summarise(engine.file.table)
     write_atomically(folder / "summary.md", summary)
     return summary
