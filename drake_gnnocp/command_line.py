@@ -9,6 +9,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NoReturn
@@ -88,6 +89,26 @@ def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueErro
         return BAD_INPUT
     print(f"written to {out}")
     return DONE
+
+
+def command_of(module: str) -> int:
+    """Run the `main` of a module that reads runs as tables, and so needs what the extra `experiments` installs.
+
+    Args:
+        module: its full name.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        main = import_module(module).main
+    except ModuleNotFoundError as error:
+        if error.name != "pandas":
+            raise
+        print("pandas is not installed: pip install -e .[experiments]", file=sys.stderr)
+        return BAD_INPUT
+    exit_code: int = main()
+    return exit_code
 
 
 def _parser() -> argparse.ArgumentParser:

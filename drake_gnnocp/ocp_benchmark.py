@@ -2,7 +2,7 @@
 
 import sys
 
-from drake_gnnocp.experiments.reports.solving import main
+from drake_gnnocp.command_line import command_of
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command_of("drake_gnnocp.experiments.reports.solving"))

@@ -101,3 +101,11 @@ def test_the_planner_has_few_options() -> None:
         return sum(leaves(value) if is_dataclass(value) else 1 for value in values)
 
     assert leaves(drake_gnnocp.PlanOptions()) <= 25
+
+
+@pytest.mark.parametrize("command", ["benchmark", "ocp_benchmark", "tables", "analysis"])
+def test_a_command_that_reads_tables_says_what_it_needs(command: str) -> None:
+    code = "import runpy, sys; sys.modules['pandas'] = None; "
+    code += f"runpy.run_module('drake_gnnocp.{command}', None, '__main__')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "pandas is not installed: pip install -e .[experiments]\n")
