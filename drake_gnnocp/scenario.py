@@ -29,6 +29,7 @@ from drake_gnnocp.vehicle import Vehicle
 
 __all__ = ["Scenario", "ScenarioError", "bundled_scenarios"]
 
+MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
 
@@ -37,6 +38,9 @@ class Scenario:
     """One planning task. Coordinates in m, headings in rad; poses are those of the middle of the rear axle.
 
     Start, goal, rings and bounds may be given as lists; they are kept as arrays of doubles (the bounds as a tuple).
+
+    The clearance is asked of the whole motion, except near an end that leaves less itself: as long as the middle of the
+    rear axle is within one length of the car from the start (goal), no more is asked than what the car has there.
 
     Raises:
         ScenarioError: a value is not of numbers, a polygon is not simple, or the car at start or goal collides or
@@ -49,16 +53,20 @@ class Scenario:
     obstacles: tuple[np.ndarray, ...] = ()  # rings (N_j, 2), not closed, either orientation, convex or not
     bounds: tuple[float, float, float, float] | None = None  # xmin, xmax, ymin, ymax: the footprint stays inside
     vehicle: Vehicle = field(default_factory=Vehicle)
+    clearance: float = 0.0  # m, kept to obstacles and bounds at all times, with the exemption of both ends
 
     def __post_init__(self) -> None:
         self._convert()
         _ = self.polygons  # raises where an obstacle is none
         if self.bounds is not None and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
+        if not 0 <= self.clearance <= MOST_CLEARANCE:
+            raise ScenarioError(f"clearance: must be 0 to {MOST_CLEARANCE:g} m, not {shown(self.clearance)}")
         for which, pose in (("start", self.start), ("goal", self.goal)):
             self._check_pose(which, pose)
 
     def _convert(self) -> None:
+        object.__setattr__(self, "clearance", float(_doubles("clearance", self.clearance, "a number in m", ())))
         vertices, poses = "a list of vertices [x, y]", f"3 finite numbers [{POSE}]"
         rings = tuple(_doubles(f"obstacles[{j}]", ring, vertices, (-1, 2)) for j, ring in enumerate(self.obstacles))
         object.__setattr__(self, "obstacles", rings)

@@ -99,6 +99,12 @@ def _bounds(value: Any) -> tuple[float, ...]:
     return tuple(_numbers("bounds", value, BOUNDS).tolist())
 
 
+def _clearance(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ScenarioError(f"clearance: must be a number in m, not {shown(value)}")
+    return value
+
+
 def _rings(value: Any) -> tuple[np.ndarray, ...]:
     if not isinstance(value, list | tuple):
         raise ScenarioError(f"obstacles: must be a list of polygons, not {shown(value)}")
@@ -126,6 +132,7 @@ PARSERS: dict[str, Callable[[Any], Any]] = {
     "obstacles": _rings,
     "bounds": _bounds,
     "vehicle": _vehicle,
+    "clearance": _clearance,
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]

@@ -73,6 +73,10 @@ JSON_FILES: list[tuple[Any, str]] = [
     (obstacle(PRISON), "goal: the car collides with obstacles[1]"),
     ({**GOOD, "bounds": [0, 30, -9, 9]}, "start: the car leaves the bounds [0.0, 30.0, -9.0, 9.0]"),
     ({**GOOD, "bounds": [-9, 15, -9, 9]}, "goal: the car leaves the bounds [-9.0, 15.0, -9.0, 9.0]"),
+    # clearance
+    ({**GOOD, "clearance": -0.1}, "clearance: must be 0 to 100 m, not -0.1"),
+    ({**GOOD, "clearance": float("nan")}, "clearance: must be 0 to 100 m, not nan"),
+    ({**GOOD, "clearance": [0.1]}, "clearance: must be a number in m, not [0.1]"),
     # vehicle
     (vehicle(hight=2), "vehicle.hight: unknown key; allowed are wheelbase, front_hang"),
     (vehicle(width=-1.9), "vehicle.width: must be between 0.001 and 10000, not -1.9"),
@@ -96,7 +100,10 @@ JSON_FILES: list[tuple[Any, str]] = [
     ('{\n "name": "a",\n}', "line 3, column 1: is not JSON: "),
     ("", "file: is empty"),
     ("\ufeff \n", "file: is empty"),
-    ("[]", "scenario: must be an object with the keys name, start, goal, obstacles, bounds, vehicle, not []"),
+    (
+        "[]",
+        "scenario: must be an object with the keys name, start, goal, obstacles, bounds, vehicle, clearance, not []",
+    ),
     ("3", "scenario: must be an object with the keys"),
     ('{"name": "a", "name": "b"}', "name: appears twice"),
     ('{"name": "a", "vehicle": {"width": 2, "width": 3}}', "width: appears twice"),

@@ -34,12 +34,15 @@ def task(**changes: Any) -> dict[str, Any]:
 
 def test_a_file_gives_back_the_scenario_exactly(tmp_path: Path) -> None:
     vehicle = {"width": 2.0, "v_max": 1.5}
-    given = Scenario.from_dict(task(start=[1 / 3, 2 / 7, math.pi], bounds=[-5, 30, -6.5, 31], vehicle=vehicle))
+    given = Scenario.from_dict(
+        task(start=[1 / 3, 2 / 7, math.pi], bounds=[-5, 30, -6.5, 31], vehicle=vehicle, clearance=0.2)
+    )
     given.save(tmp_path / "task.json")
     read = Scenario.load(tmp_path / "task.json")
     assert read.to_dict() == given.to_dict()
     assert read.name == "task"
     assert read.bounds == (-5, 30, -6.5, 31)
+    assert read.clearance == 0.2
     assert read.vehicle == Vehicle(width=2.0, v_max=1.5)
     np.testing.assert_array_equal(read.start, [1 / 3, 2 / 7, math.pi])
     np.testing.assert_array_equal(read.obstacles[1], NOTCHED)
