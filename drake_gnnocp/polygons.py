@@ -5,6 +5,8 @@ A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 
@@ -71,6 +73,25 @@ def _pieces(ring: np.ndarray) -> list[shapely.Polygon]:
         if abs(even_odd.area - area) > AREA_TOLERANCE * even_odd.area:
             raise ValueError("crosses itself")
     return [shapely.transform(piece, lambda points: points + origin) for piece in pieces]
+
+
+def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:
+    """The region that polygons cover, as polygons that do not overlap: those that touch others become one with them.
+
+    How an obstacle is cut into pieces makes no difference then. Vertices move by SAME_POINT at most.
+    """
+    if len(polygons) < 2:
+        return list(polygons)
+    array = np.array(polygons, dtype=object)
+    one, other = shapely.STRtree(array).query(array, predicate="dwithin", distance=SAME_POINT)
+    touching = np.unique(one[one != other])
+    if not len(touching):
+        return list(polygons)
+    union = shapely.get_parts(shapely.union_all(array[touching]))
+    # rounding leaves slits between neighbours, which snapping closes
+    union = shapely.simplify(shapely.union_all(union, grid_size=SAME_POINT), SAME_POINT)
+    alone = np.delete(np.arange(len(polygons)), touching)
+    return [*array[alone], *shapely.get_parts(union)]
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.files import write_atomically
-from drake_gnnocp.polygons import convex_parts, polygons_of
+from drake_gnnocp.polygons import convex_parts, merged, polygons_of
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
@@ -111,9 +111,14 @@ class Scenario:
         return np.array([[polygon.centroid.x, polygon.centroid.y] for polygon in self.polygons]).reshape(-1, 2)
 
     @cached_property
+    def blocked(self) -> tuple[shapely.Polygon, ...]:
+        """The region that the obstacles cover, however they are cut: polygons that do not touch, holes possible."""
+        return tuple(merged(self.polygons))
+
+    @cached_property
     def convex_obstacles(self) -> tuple[np.ndarray, ...]:
-        """Convex rings (M, 2), counter-clockwise, that cover the obstacles exactly [m]."""
-        return tuple(part for polygon in self.polygons for part in convex_parts(polygon))
+        """Convex rings (M, 2), counter-clockwise, that cover the obstacles [m]."""
+        return tuple(part for polygon in self.blocked for part in convex_parts(polygon))
 
     @cached_property
     def convex_polygons(self) -> tuple[shapely.Polygon, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from drake_gnnocp.polygons import clean_ring, convex_parts, polygons_of, signed_area
+from drake_gnnocp.polygons import clean_ring, convex_parts, merged, polygons_of, signed_area
 
 Points = Sequence[tuple[float, float]]
 
@@ -188,3 +188,15 @@ def test_merging_leaves_at_most_two_parts_a_reflex_corner_and_one() -> None:
 
 def test_a_polygon_of_a_thousand_vertices_is_split_without_deep_recursion() -> None:
     check_parts(polygons_of(comb(250))[0])
+
+
+def test_how_a_region_is_cut_makes_no_difference_to_the_merged_one() -> None:
+    steps = np.linspace(0.0, 2.0, 11)  # whose sums are rounded: neighbours miss each other by an ulp
+    cells = [shapely.box(0.3 + x, y, 0.3 + x + 0.2, y + 0.2) for x in steps[:-1] for y in steps[:-1]]
+    alone = shapely.Point(9.0, 9.0).buffer(0.5)
+    first, wall = merged([*cells, alone])
+    assert first is alone
+    assert len(clean_ring(np.array(wall.exterior.coords))) == 4
+    assert wall.area == pytest.approx(4.0, rel=SAME_AREA)
+    frame = merged([shapely.box(0, 0, 5, 1), shapely.box(0, 4, 5, 5), shapely.box(0, 0, 1, 5), shapely.box(4, 0, 5, 5)])
+    assert [len(polygon.interiors) for polygon in frame] == [1]

@@ -55,7 +55,7 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         holes clockwise; repeated vertices are left out.
     """
     groups = []
-    for polygon in map(orient, scenario.polygons):
+    for polygon in map(orient, scenario.blocked):
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
         outlines = [np.array(outline.coords) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
