@@ -116,6 +116,15 @@ class Scenario:
         return tuple(merged(self.polygons))
 
     @cached_property
+    def outline(self) -> shapely.MultiLineString:
+        """The outline of `blocked`, with gaps that are narrower than half the car filled."""
+        gap = self.vehicle.width / 4
+        filled = shapely.buffer(shapely.MultiPolygon(self.blocked), gap, join_style="mitre")
+        filled = shapely.buffer(filled, -gap, join_style="mitre")
+        rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
+        return shapely.MultiLineString([shapely.LineString(ring) for ring in rings])
+
+    @cached_property
     def convex_obstacles(self) -> tuple[np.ndarray, ...]:
         """Convex rings (M, 2), counter-clockwise, that cover the obstacles [m]."""
         return tuple(part for polygon in self.blocked for part in convex_parts(polygon))

@@ -98,5 +98,5 @@ def wavy() -> Formulation:
     square = np.array([[1.0, 3.5], [3.0, 3.5], [3.0, 5.5], [1.0, 5.5]])
     triangle = np.array([[4.0, -4.5], [6.0, -3.5], [4.5, -1.5]])
     scenario = Scenario("wavy", states[0, :3], states[-1, :3], (square, triangle), bounds=(-3.0, 13.0, -5.0, 8.0))
-    weights = CostWeights(lambda1=0.7, lambda2=1.3, gamma=1.2)
+    weights = CostWeights(lambda1=0.7, lambda2=1.3)
     return replace(formulate(scenario, reference, weights, margin=0.1), lines=(Line(9, 0, 0.02), Line(20, 1, 0.05)))

@@ -10,7 +10,7 @@ import shapely
 from drake_gnnocp import Scenario, Trajectory
 from drake_gnnocp.experiments.benchmark.casadi_peer import PairRows, nonlinear_program, pair_rows, solve_with_casadi
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
-from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
+from drake_gnnocp.ocp.costs import CostWeights, cost_terms, total_cost
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.formulation import Formulation, formulate
 from drake_gnnocp.ocp.triangle_areas import rows_near
@@ -115,8 +115,8 @@ def test_the_peers_rows_and_cost_are_ours_at_a_random_point(problem: Formulation
     np.testing.assert_allclose(np.array(g).ravel() - nlp.g_low, expected, atol=EXACT)
     equality = nlp.g_low == nlp.g_high
     assert equality.sum() == 5 * (len(knots) - 1) and np.isinf(nlp.g_high[~equality]).all()
-    trajectory = Trajectory(problem.reference.t, knots[:, :5], knots[:, 5:])
-    assert float(f) == pytest.approx(evaluate_cost(trajectory, problem.centroids, CostWeights()).J, rel=EXACT)
+    cost = total_cost(cost_terms(problem.weights, problem.proximity), knots, problem.step)
+    assert float(f) == pytest.approx(cost, rel=EXACT)
 
 
 def test_the_peer_asks_for_the_rows_and_margins_that_we_ask_for(problem: Formulation) -> None:

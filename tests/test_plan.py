@@ -78,7 +78,7 @@ def test_a_plan_of_the_default_scenario_writes_all_files_and_exits_0(
     assert all(attempt.keys() == ATTEMPT_KEYS for attempt in result["attempts"])
     assert result["attempts"][-1]["verified"] and result["attempts"][-1]["iterations"] > 0
     assert result["verification"].keys() >= VERIFICATION_KEYS
-    assert result["cost"].keys() == {"J", "J1", "J2"}
+    assert result["cost"].keys() == {"definition", "J", "J1", "J2", "lambda1", "lambda2"}
 
     scenario = Scenario.load(tmp_path / "scenario.json")
     trajectory = Trajectory.load_csv(tmp_path / "trajectory.csv")

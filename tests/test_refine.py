@@ -45,7 +45,7 @@ def stepped(scenario: Scenario, formulation: Formulation) -> tuple[SqpSteps, Ref
 
 def cost(scenario: Scenario, refined: Refined) -> float:
     assert refined.trajectory is not None
-    return evaluate_cost(refined.trajectory, scenario.centroids, CostWeights()).J
+    return evaluate_cost(refined.trajectory, scenario, CostWeights()).J
 
 
 def with_noise(trajectory: Trajectory, amplitude: float, seed: int) -> Trajectory:
@@ -91,7 +91,7 @@ def test_a_hybrid_astar_guess_becomes_a_verified_plan_that_is_cheaper(
 ) -> None:
     assert plan.trajectory is not None and plan.best is not None
     assert verify(gate, plan.trajectory) == plan.solves[plan.best].verification
-    assert cost(gate, plan) < evaluate_cost(guess, gate.centroids, CostWeights()).J
+    assert cost(gate, plan) < evaluate_cost(guess, gate, CostWeights()).J
 
 
 def test_a_start_at_the_optimum_stays_there(gate: Scenario, guess: Trajectory, plan: Refined) -> None:

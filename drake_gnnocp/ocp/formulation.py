@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_gnnocp.ocp.costs import CostWeights
+from drake_gnnocp.ocp.costs import CostWeights, Proximity, proximity
 from drake_gnnocp.ocp.obstacles import Obstacles
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -42,8 +42,8 @@ class Formulation:
     vehicle: Vehicle
     obstacles: Obstacles  # J convex ones, those of the scenario and walls around its bounds
     end_clearances: np.ndarray  # (J,) distances of the obstacles from the car at start and goal, the smaller one [m]
-    centroids: np.ndarray  # (C, 2) of the obstacles as the cost counts them [m]
     weights: CostWeights
+    proximity: Proximity  # lambda2 J2
     margins: np.ndarray  # (J,) clearance asked of obstacles at the knots [m] ...
     least_margins: np.ndarray  # (J,) ... even where the reference is nearer [m]
     line_clearances: np.ndarray  # (J,) of a line that is added, and below which a pair gets one [m]
@@ -92,8 +92,8 @@ def formulate(
         vehicle=scenario.vehicle,
         obstacles=Obstacles.of([*scenario.convex_obstacles, *walls]),
         end_clearances=np.append(scenario.end_clearances, inside),
-        centroids=scenario.centroids,
         weights=weights,
+        proximity=proximity(scenario, reference.poses, weights),
         margins=np.append(np.full(n, margin), of_walls),
         least_margins=np.append(np.full(n, min(LEAST_MARGIN, margin, allowed)), of_walls),
         line_clearances=np.append(np.full(n, min(LINE_CLEARANCE, allowed)), of_walls),

@@ -78,7 +78,7 @@ def build(formulation: Formulation, state_scale: float = STATE_SCALE) -> Nlp:
     _add_rows(nlp, separating_lines(formulation))
     if formulation.minimum_time:
         _add_duration(nlp, scale * formulation.weights.time)
-    for term in cost_terms(formulation.weights, formulation.centroids):
+    for term in cost_terms(formulation.weights, formulation.proximity):
         _add_cost(nlp, term, scale)
     program.SetInitialGuess(knots, formulation.knots / knot_scale)
     return nlp

@@ -139,7 +139,7 @@ class _StepProgram:
 
     def __init__(self, formulation: Formulation) -> None:
         self._formulation, self._h = formulation, formulation.step
-        self._terms = cost_terms(formulation.weights, formulation.centroids)
+        self._terms = cost_terms(formulation.weights, formulation.proximity)
         self._limits = limits(formulation)
         n_knots = len(formulation.reference)
         self._program = MathematicalProgram()

@@ -166,7 +166,7 @@ def polished(scenario: Scenario, verified: Attempt, budget: Budget, options: Pla
 
 def _with_solves(scenario: Scenario, made: Attempt, refined: Refined, options: PlanOptions) -> Attempt:
     trajectory = refined.trajectory
-    cost = None if trajectory is None else evaluate_cost(trajectory, scenario.centroids, options.cost)
+    cost = None if trajectory is None else evaluate_cost(trajectory, scenario, options.cost)
     return replace(made, solves=refined.solves, best=refined.best, cost=cost)
 
 

@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from pathlib import Path
 
 from drake_gnnocp.guesses import GuessSource, GuessUnavailable, HybridAStar, Learned, RrtStar, Straight
-from drake_gnnocp.ocp.costs import CostWeights
+from drake_gnnocp.ocp.costs import PAPER, CostWeights
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
 
 
@@ -23,7 +23,7 @@ class PlanOptions:
 
     knots: int = 120  # of a plan, at least 4; more where a path changes gear so often that they would be too far apart
     margin: float = 0.1  # m, clearance asked of obstacles at the knots, where the guess has it
-    cost: CostWeights = field(default_factory=CostWeights)
+    cost: CostWeights = field(default_factory=CostWeights)  # or "paper"
     slack: float = 1.1  # at least 1: duration given to the optimiser over that of a searched path
     weights: Path | None = None  # file of the network's weights; None: those that come with the package
     hypotheses: int = 12  # of the network, the most promising: those that SQP steps converge from are solved
@@ -33,6 +33,8 @@ class PlanOptions:
     most_attempts: int | None = None  # None: all there are
 
     def __post_init__(self) -> None:
+        if self.cost == PAPER:
+            object.__setattr__(self, "cost", CostWeights.paper())
         if self.weights is not None:
             object.__setattr__(self, "weights", Path(self.weights))  # which may be given as a text
         for name, least in LEAST_COUNTS.items():

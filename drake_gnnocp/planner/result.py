@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,7 @@ class Plan:
             "guess": self.guess_source,
             "total_seconds": self.total_seconds,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
-            "cost": None if self.cost is None else asdict(self.cost),
+            "cost": None if self.cost is None else self.cost.to_dict(),
             "attempts": [attempt.to_dict() for attempt in self.attempts],
             "verification": None if self.verification is None else self.verification.to_dict(),
         }

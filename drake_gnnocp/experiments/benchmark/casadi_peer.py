@@ -203,9 +203,11 @@ def _areas(knots: ca.MX, rows: PairRows) -> ca.MX:
 
 def _cost(knots: ca.MX, problem: Formulation) -> ca.MX:
     """lambda1 J1 + lambda2 J2, summed over the knots times h."""
-    knot, weights = ca.SX.sym("knot", N_KNOT), problem.weights
-    smoothness, proximity = ca.sumsqr(knot[N_STATES:]), ca.SX(0)
-    for centroid in problem.centroids:
-        proximity += ca.exp(-math.log(weights.gamma) * ca.sumsqr(knot[:2] - centroid))
-    at_knot = ca.Function("cost", [knot], [weights.lambda1 * smoothness + weights.lambda2 * proximity])
+    knot, near = ca.SX.sym("knot", N_KNOT), problem.proximity
+    cost = problem.weights.lambda1 * ca.sumsqr(knot[N_STATES:])
+    for along in near.along:
+        on_car = knot[:2] + along * ca.vertcat(ca.cos(knot[2]), ca.sin(knot[2]))
+        for point, share in zip(near.points, near.shares, strict=True):
+            cost += near.weight * share * ca.exp(-near.decay * ca.sumsqr(on_car - point))
+    at_knot = ca.Function("cost", [knot], [cost])
     return problem.step * ca.sum2(at_knot.map(knots.shape[1])(knots))

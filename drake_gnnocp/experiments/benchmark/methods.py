@@ -61,6 +61,8 @@ WARM_UP_SECONDS = 5.0  # s, most for one method
 
 # ------------------------------------------------------------------------------------------------------------ planning
 
+PAPER_PLAN = PlanOptions(cost=CostWeights.paper())  # what the tables compare
+
 
 @dataclass(frozen=True)
 class Method:
@@ -68,7 +70,7 @@ class Method:
 
     name: str  # in the rows
     kind: str  # of guess that the planner is asked for
-    options: PlanOptions = PlanOptions()
+    options: PlanOptions = PAPER_PLAN
 
     @property
     def source(self) -> str:
@@ -83,7 +85,7 @@ class Method:
 
 def method_named(name: str, seed: int = 0, weights: Path | None = None) -> Method:
     """One of PLANNERS, with a seed for RRT* and the weights of gnn, gnn_direct and auto (None: the package's)."""
-    options = PlanOptions(seed=seed, weights=bundled_weights("paper") if name == GNN_PAPER else weights)
+    options = replace(PAPER_PLAN, seed=seed, weights=bundled_weights("paper") if name == GNN_PAPER else weights)
     return Method(name, KINDS.get(name, name), direct(options) if name in DIRECT else options)
 
 
@@ -99,7 +101,7 @@ def direct(options: PlanOptions) -> PlanOptions:
 
 def default_of(parameter: str) -> float:
     """The planner's value of what `varied` can change."""
-    options = PlanOptions()
+    options = PAPER_PLAN
     values = {"hypotheses": options.hypotheses, "knots": options.knots}
     return {**values, "lambda2": options.cost.lambda2, "gamma": options.cost.gamma}[parameter]
 
@@ -111,7 +113,8 @@ def varied(method: Method, parameter: str, value: float) -> Method:
         return replace(method, options=replace(options, hypotheses=int(value)))
     if parameter == "knots":
         return replace(method, options=replace(options, knots=int(value)))
-    return replace(method, options=replace(options, cost=replace(options.cost, **{parameter: value})))
+    cost = replace(options.cost, lambda2=value) if parameter == "lambda2" else replace(options.cost, gamma=value)
+    return replace(method, options=replace(options, cost=cost))
 
 
 def check_methods(methods: Iterable[Method]) -> None:
@@ -198,9 +201,8 @@ def run_solver(key: Key, scenario: Scenario, guess: Trajectory, max_seconds: flo
 
 def checked(run: Run, scenario: Scenario, trajectory: Trajectory) -> Run:
     """The row with the cost and the verification of a trajectory."""
-    centroids = np.array([[p.centroid.x, p.centroid.y] for p in scenario.polygons]).reshape(-1, 2)
     check = verify(scenario, trajectory)
-    cost = evaluate_cost(trajectory, centroids, CostWeights()).J
+    cost = evaluate_cost(trajectory, scenario, PAPER_PLAN.cost).J
     reason = "; ".join(check.faults)
     return replace(run, cost=cost, clearance_m=check.min_clearance_m, verified=check.verified, reason=reason)
 
@@ -221,7 +223,7 @@ def warm_up_solvers() -> None:
 def _with_drake(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
     begin = time.perf_counter()
     given = Guess("given", guess, is_timed=True)
-    result = attempt(scenario, given, FromGuess(), Budget.of(max_seconds), PlanOptions())
+    result = attempt(scenario, given, FromGuess(), Budget.of(max_seconds), PAPER_PLAN)
     wall = time.perf_counter() - begin
     if result.trajectory is None:
         return replace(run, total_s=wall, status="no solve"), guess
@@ -244,8 +246,8 @@ def _with_drake(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: fl
 def _with_peer(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
     from drake_gnnocp.experiments.benchmark.casadi_peer import solve_with_casadi  # optional
 
-    begin, options = time.perf_counter(), PlanOptions()
-    problem = formulate(scenario, guess, options.cost, options.margin)
+    begin = time.perf_counter()
+    problem = formulate(scenario, guess, PAPER_PLAN.cost, PAPER_PLAN.margin)
     solution = solve_with_casadi(problem, run.method == CASADI_SX, max_seconds, run.method != CASADI_PLAIN)
     total = time.perf_counter() - begin
     made = replace(

@@ -73,7 +73,7 @@ def improved_label(scenario: Scenario, label: Label, weights: Path | None = None
                 continue
         steps = sqp_steps(formulate(local, guess.trajectory, PLAN.cost, PLAN.margin), SEARCHED, budget)
         if steps.converged:
-            cost = evaluate_cost(steps.trajectory, local.centroids, PLAN.cost).J
+            cost = evaluate_cost(steps.trajectory, local, PLAN.cost).J
             converged.append((cost, guess, steps))
     for cost, guess, steps in sorted(converged, key=lambda candidate: candidate[0])[:SOLVES]:
         known = best.cost if best.outcome == KEPT else math.inf

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import HybridAStar, NoGuess
+from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.planner import Attempt, FromGuess, PlanOptions
 from drake_gnnocp.planner.attempt import attempt
 from drake_gnnocp.scenario import Scenario
@@ -16,7 +17,7 @@ OUTCOMES = (KEPT, NO_PATH, UNVERIFIED, TOO_LONG)
 SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 
 
-PLAN = PlanOptions()  # of all labels
+PLAN = PlanOptions(cost=CostWeights.paper())  # of all labels
 SEARCH_SECONDS, SOLVE_SECONDS = 8.0, 15.0  # s, most for Hybrid A*, and for the optimal control problem
 LONGEST = 150.0  # s, of a trajectory: longer ones are left out
 
