@@ -30,6 +30,8 @@ from drake_gnnocp.verification.result import (
     off_heading,
 )
 
+NOTHING = "nothing"  # is there to keep clear of
+
 
 def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
     """Check a trajectory against everything a plan promises.
@@ -44,7 +46,7 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
         return Verification(False, 0.0, nan, nan, nan, False, False, False, False, False)
     gap = np.linalg.norm(motion.states[motion.knots, : State.THETA] - trajectory.states[:, : State.THETA], axis=1)
     kept = proven_clearances(scenario, motion)
-    contact, inside, proof, asked = _clearances(kept)
+    contact, inside, asked, proof = clearances = _clearances(kept)
     limits, ends = _limits(scenario.vehicle, motion, trajectory), _at_rest(scenario, motion, trajectory)
     goal = _goal_errors(scenario, motion)
     return Verification(
@@ -56,9 +58,14 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
         limits_ok=all(finding.ok for finding in limits),
         bounds_ok=inside.ok,
         ends_ok=all(finding.ok for finding in ends),
-        certified=min(kept.obstacles.proven, kept.bounds.proven + OVER) > 0,
+        certified=proof.ok and contact.ok and inside.ok,
         clearance_ok=asked.ok,
-        findings=(contact, inside, proof, asked, *limits, *_at_goal(motion, *goal), *ends),
+        findings=(
+            *(finding for finding in clearances if finding.found != NOTHING),
+            *limits,
+            *_at_goal(motion, *goal),
+            *ends,
+        ),
     )
 
 
@@ -75,25 +82,21 @@ def _drive_if_possible(scenario: Scenario, trajectory: Trajectory) -> Motion | N
 
 
 def _clearances(kept: Clearances) -> tuple[Finding, Finding, Finding, Finding]:
-    """On contact, the bounds, the proof that neither is touched, and the clearance that is asked for."""
+    """On contact, the bounds, the clearance that is asked for, and the proof that neither of the first is touched."""
     free, inside, beyond = kept.obstacles, kept.bounds, kept.beyond_demand
     apart, is_inside = free.seen > 0, inside.seen >= -COORDINATE_TOLERANCE
-    proven = min(free.proven, inside.proven + OVER)
+    touches = not (apart and is_inside)
+    proven = math.inf if touches else min(free.proven, inside.proven + OVER)
     # what is refused as it was seen is not proven to be no less
     kept_clearance = kept.asked + (beyond.seen if beyond.seen < -TIGHT else beyond.proven)
     too_near = f"keeps {_rounded_down(kept_clearance):.2f} m where {kept.asked:.2f} m are asked"
     return (
         _least(free, CONTACT, "above 0 m", free.seen, apart, COLLIDES),
         _least(inside, "distance inside the bounds", "at least 0 m", inside.seen, is_inside, OUTSIDE),
-        _least(
-            free if free.proven <= inside.proven else inside,
-            "both as proven for all times",
-            "above 0 m",
-            proven,
-            proven > 0 or not (apart and is_inside),
-            UNPROVEN,
-        ),
         _least(beyond, ASKED, f"at least {kept.asked:.3f} m", kept_clearance, beyond.proven >= -TIGHT, too_near),
+        _least(
+            free if free.proven <= inside.proven else inside, "as proven", "above 0 m", proven, proven > 0, UNPROVEN
+        ),
     )
 
 
@@ -103,7 +106,7 @@ def _rounded_down(length: float) -> float:
 
 
 def _least(least: Least, what: str, allowed: str, found: float, ok: bool, fault: str) -> Finding:
-    return Finding(what, allowed, f"{found:.3f} m" if math.isfinite(found) else "none", ok, fault, *least.place)
+    return Finding(what, allowed, f"{found:.3f} m" if math.isfinite(found) else NOTHING, ok, fault, *least.place)
 
 
 def _limits(vehicle: Vehicle, motion: Motion, trajectory: Trajectory) -> list[Finding]:

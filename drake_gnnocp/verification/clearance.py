@@ -97,13 +97,12 @@ class Surroundings:
         free, inside = self.distances(self.vehicle.footprints(poses))
         return np.stack([free, inside, np.minimum(free, inside) - self.demand(poses[:, None, :2])])
 
-    def nearest_point(self, pose: np.ndarray) -> np.ndarray:
-        """The point (2,) of the car at a pose (3,) that is nearest to the obstacles or bounds."""
-        footprint = self.vehicle.footprints(pose)
-        free, inside = self.distances(footprint)
-        if inside[0] < free[0]:
-            return footprint[0, np.minimum(footprint[0] - self.low, self.high - footprint[0]).min(axis=1).argmin()]
-        car = shapely.Polygon(footprint[0])
+    def nearest_point(self, pose: np.ndarray, to_obstacles: bool) -> np.ndarray:
+        """The point (2,) of the car at a pose (3,) that is nearest to the obstacles, or else to the bounds."""
+        footprint = self.vehicle.footprints(pose)[0]
+        if not to_obstacles:
+            return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
+        car = shapely.Polygon(footprint)
         nearest = self.polygons[self.tree.query_nearest(car, all_matches=False)[0]]
         return np.asarray(shapely.shortest_line(car, nearest).coords)[0]
 
@@ -180,7 +179,10 @@ def _with_places(
     for i, is_refused in enumerate(_refused(seen)):
         t = _first_refused(around, motion, i, float(at[i])) if is_refused else float(at[i])
         pose = motion.poses_at(np.array([t]))[0]
-        point = around.nearest_point(pose) if math.isfinite(seen[i]) else pose[:2]
+        point = pose[:2]
+        if math.isfinite(seen[i]):
+            free, inside, _ = around.margins(pose[None])[:, 0]
+            point = around.nearest_point(pose, (True, False, free < inside)[i])
         found.append(Least((t, *point.tolist()), float(seen[i]), float(proven[i])))
     asked = around.demand(motion.poses_at(at[2:])[:, None, :2])
     obstacles, bounds, beyond_demand = found

@@ -43,7 +43,7 @@ class Verification:
     ends_ok: bool  # starts at the start; v = phi = a = w = 0 at both ends
     certified: bool  # whether it is proven for all times that the car keeps clear of obstacles and inside the bounds
     clearance_ok: bool = True  # whether it is proven for all times that the car keeps the clearance asked for
-    findings: tuple[Finding, ...] = ()  # one by one, the one on contact first; empty where nothing can be driven
+    findings: tuple[Finding, ...] = ()  # one by one; empty where nothing can be driven
 
     @property
     def verified(self) -> bool:
@@ -83,8 +83,8 @@ class Verification:
     @property
     def nearest(self) -> tuple[float, float, float] | None:
         """Where and when the clearance is least: t, x, y [s, m, m]; None without obstacles."""
-        contact = self.findings[0] if self.findings and math.isfinite(self.min_clearance_m) else None
-        return None if contact is None else (contact.t, contact.x, contact.y)
+        contacts = [finding for finding in self.findings if finding.what == CONTACT]
+        return (contacts[0].t, contacts[0].x, contacts[0].y) if contacts else None
 
     @property
     def clearance_text(self) -> str:
