@@ -195,7 +195,7 @@ def _one_line(error: Exception) -> str:
 def _save_pictures(result: Plan, folder: Path) -> None:
     scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
     title = f"{scenario.name}: {result.status}"
-    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title)
+    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title, result.first_fault)
     if trajectory is not None:
         save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
         save_replay(folder / "replay.html", scenario, trajectory)

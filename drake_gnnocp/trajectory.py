@@ -53,6 +53,21 @@ class Trajectory:
         """(N, 3) x, y, theta [m, m, rad]."""
         return self.states[:, : State.V]
 
+    @property
+    def flaw(self) -> str:
+        """What keeps it from being driven first: a number that is not finite, or a time that does not increase.
+
+        Returns:
+            One line that names the knot, empty where there is nothing.
+        """
+        numbers = np.column_stack([self.t, self.states, self.inputs])
+        if not (is_finite := np.isfinite(numbers)).all():
+            knot, column = np.argwhere(~is_finite)[0]
+            return f"{COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}"
+        if not (is_later := np.diff(self.t) > 0).all():
+            return f"t of knot {is_later.argmin() + 1}: must be larger than that of the knot before"
+        return ""
+
     def column(self, which: State | Input) -> np.ndarray:
         """One state or input over the knots: (N,)."""
         return (self.states if isinstance(which, State) else self.inputs)[:, which]

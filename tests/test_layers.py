@@ -18,11 +18,14 @@ FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see
     {"simulation", "verification", "search", "timing", "learning"},
     {"guesses", "ocp"},
     {"planner"},
-    {"pictures", "command_line"},
+    {"pictures", "command_line", "verify_command"},
     {"experiments"},
 )
-ASIDE = {("timing", "search"), ("ocp", "ocp"), ("command_line", "pictures")}  # imports within a floor, beside CORE's
-FACES = {"__init__", "plan"}  # the public face and the commands see all
+ASIDE = {  # imports within a floor, beside CORE's
+    *{("timing", "search"), ("ocp", "ocp"), ("command_line", "pictures")},
+    *{("verify_command", "pictures"), ("verify_command", "command_line")},
+}
+FACES = {"__init__", "plan", "verify"}  # the public face and the commands see all
 COMMANDS = {"dataset", "train", "benchmark", "ocp_benchmark", "figures", "tables", "analysis", "notebooks"}
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 
@@ -86,11 +89,12 @@ def test_every_package_s_public_names_are_there() -> None:
                 assert not any(path.stem == name for path in Path(module.__file__ or "").parent.iterdir()), name
 
 
-def test_the_command_does_not_take_the_place_of_the_function() -> None:
+@pytest.mark.parametrize(("name", "package"), [("plan", "planner"), ("verify", "verification")])
+def test_the_command_does_not_take_the_place_of_the_function(name: str, package: str) -> None:
     with pytest.raises(ImportError, match="a function and a command"):
-        importlib.import_module("drake_gnnocp.plan")
-    assert callable(drake_gnnocp.plan)
-    assert importlib.import_module("drake_gnnocp.planner").plan is drake_gnnocp.plan
+        importlib.import_module(f"drake_gnnocp.{name}")
+    assert callable(getattr(drake_gnnocp, name))
+    assert getattr(importlib.import_module(f"drake_gnnocp.{package}"), name) is getattr(drake_gnnocp, name)
 
 
 def test_the_planner_has_few_options() -> None:

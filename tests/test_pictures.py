@@ -212,6 +212,7 @@ def made_up_plan(scenario: Scenario, trajectory: Trajectory | None, **changes: A
         "guess_source": "hybrid_astar",
         "verification": SimpleNamespace(min_clearance_m=0.31) if solved else None,
         "cost": SimpleNamespace(J=12.345) if solved else None,
+        "first_fault": None,
         "attempts": attempts,
         "total_seconds": 0.256,
     }

@@ -11,7 +11,7 @@ import numpy as np
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.trajectory import COLUMNS, Trajectory
+from drake_gnnocp.trajectory import Trajectory
 
 EQUAL_STEPS = 1e-6  # relative: time steps that differ by less are equally long
 
@@ -47,11 +47,8 @@ def check_numbers(trajectory: Trajectory) -> None:
     Raises:
         ValueError: a number is not finite, or the times do not increase; the message names the first such knot.
     """
-    numbers = np.column_stack([trajectory.t, trajectory.states, trajectory.inputs])
-    for knot, column in np.argwhere(~np.isfinite(numbers)):
-        raise ValueError(f"guess: {COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}")
-    for knot in np.flatnonzero(np.diff(trajectory.t) <= 0):
-        raise ValueError(f"guess: t of knot {knot + 1}: must be larger than that of the knot before")
+    if trajectory.flaw:
+        raise ValueError(f"guess: {trajectory.flaw}")
 
 
 @dataclass(frozen=True)

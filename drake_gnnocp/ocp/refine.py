@@ -60,6 +60,11 @@ class Solve:
         check = self.verification
         return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
 
+    def translated(self, dx: float, dy: float) -> Solve:
+        """The solve of the task moved by (dx, dy) [m]."""
+        trajectory, check = self.trajectory.translated(dx, dy), self.verification.translated(dx, dy)
+        return replace(self, trajectory=trajectory, verification=check)
+
 
 @dataclass(frozen=True, eq=False)
 class Refined:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path as FilePath
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,13 @@ from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
+from drake_gnnocp.verification import Finding
 
 FOOTPRINT_SPACING = 1.5  # m of arc length between footprints
 FOOTPRINTS = (6, 60)  # the least and the most of them
 BORDER = 0.03  # of the larger side, free space around the drawing
 MAP_SIZE = (6.6, 6.2)  # inch, the map fits into this ...
+LEGEND_WIDTH = 24  # characters
 LEGEND_ROOM = (2.1, 0.8)  # inch, ... and legend, labels and title need this beside and above it
 
 
@@ -33,6 +36,7 @@ def draw_map(
     trajectory: Trajectory | None = None,
     guess: Trajectory | None = None,
     title: str | None = None,
+    fault: Finding | None = None,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -44,6 +48,7 @@ def draw_map(
         trajectory: the optimised plan, None where nothing was found.
         guess: what the solver started from.
         title: written above the map.
+        fault: of the plan, marked where it is; the plan is then not called optimised.
 
     Returns:
         ax
@@ -59,9 +64,12 @@ def draw_map(
     if guess is not None:
         ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
     if trajectory is not None:
-        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label="optimised path", zorder=5)
+        label = "optimised path" if fault is None else "unverified path"
+        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=label, zorder=5)
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
+    if fault is not None:
+        _draw_fault(ax, fault, origin)
     _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
     if title:
         ax.set_title(title, fontsize=style.TITLE_SIZE)
@@ -74,21 +82,27 @@ def plan_figure(
     trajectory: Trajectory | None = None,
     guess: Trajectory | None = None,
     title: str | None = None,
+    fault: Finding | None = None,
 ) -> Figure:
     """The map of a plan as a figure of its own, for a notebook or a file."""
     low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
     width, height = high - low
     scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
     figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title)
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault)
     return figure
 
 
 def save_plan_picture(
-    path: FilePath | str, scenario: Scenario, trajectory: Trajectory | None, guess: Trajectory | None, title: str | None
+    path: FilePath | str,
+    scenario: Scenario,
+    trajectory: Trajectory | None,
+    guess: Trajectory | None,
+    title: str | None,
+    fault: Finding | None = None,
 ) -> None:
     """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    style.save_figure(plan_figure(scenario, trajectory, guess, title), path)
+    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,6 +144,14 @@ def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: s
     ax.plot(x[:2], y[:2], color=color, linewidth=1.4, zorder=6, solid_capstyle="butt")
     ax.fill(x[1:], y[1:], color=color, zorder=6, linewidth=0)
     ax.plot(x[0], y[0], "o", color=color, markersize=3.5, zorder=6)
+
+
+def _draw_fault(ax: Axes, fault: Finding, origin: np.ndarray) -> None:
+    """A ring and a cross where the fault is, and its text in the legend."""
+    x, y = np.array([fault.x, fault.y]) - origin
+    look: dict[str, Any] = {"color": style.FAULT, "markeredgewidth": 2.0, "linestyle": "none", "zorder": 8}
+    ax.plot(x, y, "o", mfc="none", markersize=16, **look)
+    ax.plot(x, y, "x", markersize=8, label=fill(f"{fault.fault}, at {fault.t:.1f} s", LEGEND_WIDTH), **look)
 
 
 def _frame(ax: Axes, box: np.ndarray, origin: np.ndarray) -> None:

@@ -106,7 +106,7 @@ class Attempt:
 
     def translated(self, dx: float, dy: float) -> Attempt:
         """The attempt at the task moved by (dx, dy) [m]."""
-        solves = tuple(replace(solve, trajectory=solve.trajectory.translated(dx, dy)) for solve in self.solves)
+        solves = tuple(solve.translated(dx, dy) for solve in self.solves)
         return replace(self, start=self.start and self.start.translated(dx, dy), solves=solves)
 
 

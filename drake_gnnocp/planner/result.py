@@ -13,7 +13,7 @@ from drake_gnnocp.ocp.ipopt import OUT_OF_TIME
 from drake_gnnocp.planner.attempt import Attempt
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.verification import Verification
+from drake_gnnocp.verification import Finding, Verification
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,11 @@ class Plan:
         return self.attempt.verification
 
     @property
+    def first_fault(self) -> Finding | None:
+        """What keeps the trajectory from being verified, where it is met first; None where that is not known."""
+        return None if self.verification is None else self.verification.first_fault
+
+    @property
     def cost(self) -> Cost | None:
         """What the trajectory costs."""
         return self.attempt.cost
@@ -79,8 +84,8 @@ class Plan:
         line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
         line += f", {iterations} iterations, {len(self.attempts)} attempts)"
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
-            clearance = self.verification.min_clearance_m
-            line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, clearance {clearance:.2f} m"
+            clearance = self.verification.clearance_text
+            line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, {clearance}"
         if self.cut_short:
             line += "; stopped by the budget: not yet at its optimum"
         reasons = [f"  {attempt.source}: {attempt.reason}" for attempt in self.attempts if attempt.reason]

@@ -1,86 +1,217 @@
-"""The clearance of a moving car from exact polygons: at poses, and proven for all times in between.
+"""The clearance of a moving car from exact polygons and bounds: at poses, and proven for all times in between.
 
 Between two instants T apart no point of the car is farther than the bulge, T^2 / 8 times its largest acceleration, from
 the chord of its path. With the clearances c_1 and c_2 at the instants and the longest chord d of a corner, the
 clearance in between is at least (c_1 + c_2 - d) / 2 less the bulge. It is also at least the distance of the convex hull
-of both footprints less the bulge, which is tighter and takes more to compute. Where neither is near enough to the
-clearance at the instants, the time is cut into parts.
+of both footprints less the bulge, which is tighter and takes more to compute. How far the car is inside the bounds is
+at least the smaller of what it is at the instants, less the bulge. Where that does not do, the time is cut into parts.
+
+What a scenario asks for holds at all times, except that near the start and the goal no more is asked than what the car
+has there, to obstacles and bounds. The zone of an end is a disc: a stretch of time is inside when both its instants
+are, further than the bulge. A stretch that is not is asked for the larger demand.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
-from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.vehicle import State
+from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
 from drake_gnnocp.verification.motion import Motion
 
 LOOK_EVERY = 16  # footprints, whose clearance tells which of the others can have less
 FIRST, FINEST = 0.3, 1e-5  # s, stretches of time at first, and those that are not cut any more
 PARTS = 4  # that a stretch is cut into
-TIGHT = 1e-3  # m: a proven clearance is that near to the one at an instant
+LOOKS = 64  # instants that the first fault is looked for at, twice
+TIGHT = 1e-3  # m: a proven clearance is that near to the one at an instant, and one that is asked for
+OVER = 1e-5  # m: bounds are proven to be kept but for that
 
 
-def proven_clearance(scenario: Scenario, motion: Motion) -> tuple[float, float]:
-    """A lower bound of the clearance at all times, and the least clearance at the instants that were looked at [m].
+@dataclass
+class Least:
+    """The least of a distance over all times [m]: seen at an instant, and proven for all; infinite where nothing is."""
+
+    place: tuple[float, float, float]  # t, x, y, when and where it was seen, or first seen to be too little [s, m, m]
+    seen: float = math.inf
+    proven: float = math.inf
+
+    def prove(self, bounds: np.ndarray) -> None:
+        """Take lower bounds (S,) of stretches of time into account."""
+        self.proven = min(self.proven, float(bounds.min(initial=math.inf)))
+
+
+@dataclass
+class Clearances:
+    """What a car keeps to the things around it at all times."""
+
+    obstacles: Least
+    bounds: Least  # negative outside
+    beyond_demand: Least  # the smaller of both, beyond what is asked for; infinite where nothing is
+    asked: float  # m, the clearance that is asked for where that is the least
+
+
+class Surroundings:
+    """The exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.vehicle, self.polygons = scenario.vehicle, scenario.polygons
+        self.tree = shapely.STRtree(scenario.polygons)
+        self.low, self.high = np.reshape(scenario.bounds or (-math.inf, math.inf) * 2, (2, 2)).T
+        ends = np.stack([scenario.start, scenario.goal])
+        self.ends, self.asked = ends[:, :2], scenario.clearance
+        if self.asked > 0:
+            self.asked_at_ends = np.minimum(np.minimum(*self.distances(self.vehicle.footprints(ends))), self.asked)
+
+    def to_obstacles(self, shapes: np.ndarray) -> np.ndarray:
+        """Distances of shapes (N,) to the nearest polygon: (N,) [m]."""
+        if not self.polygons:
+            return np.full(len(shapes), math.inf)
+        return np.asarray(self.tree.query_nearest(shapes, return_distance=True, all_matches=False)[1])
+
+    def distances(self, footprints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far footprints (N, 4, 2) are from the obstacles and inside the bounds: (N,) each [m]."""
+        low, high = footprints.min(axis=1) - self.low, self.high - footprints.max(axis=1)
+        return self.to_obstacles(shapely.polygons(footprints)), np.minimum(low, high).min(axis=1)
+
+    def demand(self, axles: np.ndarray, spread: np.ndarray | float = 0.0) -> np.ndarray:
+        """The most that is asked for while the rear axle's middle is within a spread of a chord.
+
+        Args:
+            axles: (N, P, 2) ends of the chord [m].
+            spread: (N,) [m].
+
+        Returns:
+            (N,) [m], minus infinity where nothing is asked for.
+        """
+        if self.asked == 0:
+            return np.full(len(axles), -math.inf)
+        away = np.linalg.norm(axles[:, :, None] - self.ends, axis=3).max(axis=1)  # (N, 2); a disc is convex
+        is_near = away + np.reshape(spread, (-1, 1)) <= self.vehicle.length
+        return np.where(is_near, self.asked_at_ends, self.asked).min(axis=1)
+
+    def margins(self, poses: np.ndarray) -> np.ndarray:
+        """The three distances of `Clearances` at poses (N, 3): (3, N) [m]."""
+        free, inside = self.distances(self.vehicle.footprints(poses))
+        return np.stack([free, inside, np.minimum(free, inside) - self.demand(poses[:, None, :2])])
+
+    def nearest_point(self, pose: np.ndarray, to_obstacles: bool) -> np.ndarray:
+        """The point (2,) of the car at a pose (3,) that is nearest to the obstacles, or else to the bounds."""
+        footprint = self.vehicle.footprints(pose)[0]
+        if not to_obstacles:
+            return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
+        car = shapely.Polygon(footprint)
+        nearest = self.polygons[self.tree.query_nearest(car, all_matches=False)[0]]
+        return np.asarray(shapely.shortest_line(car, nearest).coords)[0]
+
+
+def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
+    """The least clearances at all times.
 
     Args:
-        scenario: supplies the exact polygons and the vehicle.
+        scenario: supplies the exact polygons, the bounds, the vehicle and the clearance that is asked for.
         motion: of the car.
 
     Returns:
-        Both infinite without obstacles, 0 in a collision; the first may be negative where nothing is proven.
+        What is proven may be negative where nothing is.
     """
-    if not scenario.polygons:
-        return math.inf, math.inf
-    tree, end = shapely.STRtree(scenario.polygons), float(motion.t[-1])
-    times = np.linspace(0.0, end, 1 + max(1, math.ceil(end / FIRST)))[None]  # (S, C): stretches of time, cut
-    least, proven = math.inf, math.inf
-    while times.size and least > 0:
-        footprints = scenario.vehicle.footprints(motion.poses_at(times.ravel()))
-        found = _distances(tree, shapely.polygons(footprints)).reshape(times.shape)
-        least = min(least, float(found.min()))
-        pairs = footprints.reshape(*times.shape, 4, 2)
-        pairs = np.stack([pairs[:, :-1], pairs[:, 1:]], axis=2).reshape(-1, 2, 4, 2)
-        ends = np.stack([times[:, :-1].ravel(), times[:, 1:].ravel()], axis=1)
-        lost = _lost(motion, ends)
-        chord = np.sqrt(((pairs[:, 1] - pairs[:, 0]) ** 2).sum(axis=2).max(axis=1))
-        bound = ((found[:, :-1] + found[:, 1:]).ravel() - chord) / 2 - lost
-        wanted = least - min(TIGHT, least / 2)
-        near = np.flatnonzero(bound < wanted)
-        hulls = shapely.convex_hull(shapely.multipoints(pairs[near].reshape(-1, 8, 2)))
-        bound[near] = np.maximum(bound[near], _distances(tree, hulls) - lost[near])
-        is_open = (bound < wanted) & (ends[:, 1] - ends[:, 0] > FINEST)
-        proven = min(proven, float(bound[~is_open].min(initial=math.inf)))
+    around = Surroundings(scenario)
+    begin, end = motion.t[[0, -1]]
+    times = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FIRST)))[None]  # (S, C): stretches, cut
+    seen, at, proven = np.full(3, math.inf), np.full(3, begin), np.full(3, math.inf)
+    while times.size:
+        poses = motion.poses_at(times.ravel())
+        margins = around.margins(poses)
+        least = margins.argmin(axis=1)
+        at = np.where(margins[range(3), least] < seen, times.ravel()[least], at)
+        seen = np.minimum(margins[range(3), least], seen)
+        # what the bounds of a stretch have to be for it to be left alone
+        wanted = np.where(_refused(seen), -math.inf, [seen[0] - min(TIGHT, seen[0] / 2), -OVER, -TIGHT])
+        ends = _paired(times.ravel(), times.shape)
+        bounds = _bounds(around, motion, ends, _paired(poses, times.shape), _paired(margins.T, times.shape), wanted)
+        is_open = (bounds < wanted[:, None]).any(axis=0) & (ends[:, 1] - ends[:, 0] > FINEST)
+        proven = np.minimum(proven, bounds[:, ~is_open].min(axis=1, initial=math.inf))
         times = ends[is_open, :1] + (ends[is_open, 1:] - ends[is_open, :1]) * np.linspace(0.0, 1.0, PARTS + 1)
-    return (proven, least) if least > 0 else (0.0, 0.0)
+    return _with_places(around, motion, seen, at, proven)
 
 
-def proven_inside(scenario: Scenario, motion: Motion) -> tuple[float, float]:
-    """How far inside the bounds the car is proven to be at all times, and is at the samples; infinite without [m]."""
-    if scenario.bounds is None:
-        return math.inf, math.inf
-    xmin, xmax, ymin, ymax = scenario.bounds
-    footprints = scenario.vehicle.footprints(motion.states[:, : State.V])
-    (left, low), (right, high) = footprints.min(axis=1).T, footprints.max(axis=1).T
-    inside = np.minimum(np.minimum(left - xmin, xmax - right), np.minimum(low - ymin, ymax - high))
-    lost = _lost(motion, np.stack([motion.t[:-1], motion.t[1:]], axis=1))
-    return float((np.minimum(inside[:-1], inside[1:]) - lost).min()), float(inside.min())
+def _bounds(
+    around: Surroundings,
+    motion: Motion,
+    ends: np.ndarray,
+    poses: np.ndarray,
+    margins: np.ndarray,
+    wanted: np.ndarray,
+) -> np.ndarray:
+    """Lower bounds of the three distances in stretches of time: (3, S) [m].
+
+    Args:
+        around: what is around the car.
+        motion: of the car.
+        ends: (S, 2) times [s].
+        poses: (S, 2, 3) at both ends.
+        margins: (S, 2, 3) the distances at both ends.
+        wanted: (3,) bounds that are good enough.
+    """
+    corners = around.vehicle.footprints(poses).reshape(-1, 2, 4, 2)
+    lost = _lost(motion, ends)
+    chord = np.sqrt(((corners[:, 1] - corners[:, 0]) ** 2).sum(axis=2).max(axis=1))
+    free = (margins[:, 0, 0] + margins[:, 1, 0] - chord) / 2 - lost
+    inside = np.minimum(margins[:, 0, 1], margins[:, 1, 1]) - lost
+    demand = around.demand(poses[:, :, :2], lost)
+    near = np.flatnonzero((free < wanted[0]) | (free - demand < wanted[2]))
+    hulls = shapely.convex_hull(shapely.multipoints(corners[near].reshape(-1, 8, 2)))
+    free[near] = np.maximum(free[near], around.to_obstacles(hulls) - lost[near])
+    return np.stack([free, inside, np.minimum(free, inside) - demand])
+
+
+def _refused(margins: np.ndarray) -> np.ndarray:
+    """Whether the distances (3, ...) at an instant are faults."""
+    return np.stack([margins[0] <= 0, margins[1] < -COORDINATE_TOLERANCE, margins[2] < -TIGHT])
+
+
+def _with_places(
+    around: Surroundings, motion: Motion, seen: np.ndarray, at: np.ndarray, proven: np.ndarray
+) -> Clearances:
+    found = []
+    for i, is_refused in enumerate(_refused(seen)):
+        t = _first_refused(around, motion, i, float(at[i])) if is_refused else float(at[i])
+        pose = motion.poses_at(np.array([t]))[0]
+        point = pose[:2]
+        if math.isfinite(seen[i]):
+            free, inside, _ = around.margins(pose[None])[:, 0]
+            point = around.nearest_point(pose, (True, False, free < inside)[i])
+        found.append(Least((t, *point.tolist()), float(seen[i]), float(proven[i])))
+    asked = around.demand(motion.poses_at(at[2:])[:, None, :2])
+    obstacles, bounds, beyond_demand = found
+    return Clearances(obstacles, bounds, beyond_demand, max(0.0, float(asked[0])))
+
+
+def _first_refused(around: Surroundings, motion: Motion, which: int, t: float) -> float:
+    """When a distance that is refused at a time first is, as finely as is looked at."""
+    times = np.linspace(motion.t[0], t, LOOKS)
+    for _ in range(2):
+        first = int(_refused(around.margins(motion.poses_at(times)))[which].argmax())
+        times = np.linspace(times[max(first - 1, 0)], times[first], LOOKS)
+    return float(times[-1])
+
+
+def _paired(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Values (S C, ...) at the instants of S stretches that are cut by C instants, at both ends of the parts."""
+    cut = values.reshape(*shape, *values.shape[1:])
+    return np.stack([cut[:, :-1], cut[:, 1:]], axis=2).reshape(-1, 2, *values.shape[1:])
 
 
 def _lost(motion: Motion, ends: np.ndarray) -> np.ndarray:
     """How far any point of the car may be from the chord of its path in stretches of time (S, 2) [s]: (S,) [m]."""
-    first, last = motion.step_at(ends[:, 0]), motion.step_at(ends[:, 1]) + 1
+    last_interval = len(motion.bends) - 1
+    first = np.clip(np.searchsorted(motion.times, ends[:, 0], side="right") - 1, 0, last_interval)
+    last = np.clip(np.searchsorted(motion.times, ends[:, 1], side="left"), first + 1, last_interval + 1)
     bends = np.append(motion.bends, 0.0)  # reduceat wants every index to be one
     bend = np.maximum.reduceat(bends, np.stack([first, last], axis=1).ravel())[::2]
     return np.diff(ends, axis=1)[:, 0] ** 2 / 8 * bend + motion.errors[last]
-
-
-def _distances(tree: shapely.STRtree, shapes: np.ndarray) -> np.ndarray:
-    return np.asarray(tree.query_nearest(shapes, return_distance=True, all_matches=False)[1])
 
 
 def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:

@@ -4,7 +4,8 @@ Between knots a and w are linear, so v and phi are quadratics in time, known exa
 
     theta(t) = theta_0 + int v tan(phi) / L_w dt,  x(t) = x_0 + int v cos(theta) dt,  y(t) = y_0 + int v sin(theta) dt,
 
-which Simpson's rule gives on steps s of at most 5 ms, with an error of s^5 / 2880 |f''''| a step.
+which Simpson's rule gives on steps s with an error of s^5 / 2880 |f''''| a step. The steps are as long as keeps the
+error of the whole motion below MOST_ERROR.
 
 The derivatives of the integrands are bounded with power series of bounds: a list c_0, c_1, ... with |f^(k)| / k! <= c_k
 over an interval. Sums and products of functions have the sums and products of their series; tan and the circular
@@ -21,88 +22,93 @@ import numpy as np
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, Vehicle
 
-MAX_STEP = 0.005  # s, of the integration
+MOST_ERROR = 5e-7  # m, that the integration may add up to at any point of the car
+SHORTEST_STEP = 5e-4  # s, of the integration, whatever its error
+MOST_STEPS, LONGEST = 1_000_000, 1e5  # of the integration; s, the longest drive: more are refused
 ORDER = 5  # coefficients of a series of bounds: up to the fourth derivative
 ROUNDING = 1e-9  # m: what a few thousand additions of numbers up to 1e4 may be off
 
-Series = list[np.ndarray]  # ORDER coefficients, (K,) each: one for every interval
+Series = np.ndarray  # (ORDER, K): coefficients of bounds, one column for every interval
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """What the car does, near the origin."""
 
-    t: np.ndarray  # (M,) s, at most MAX_STEP apart, every knot among them
+    t: np.ndarray  # (M,) s, every knot among them
     states: np.ndarray  # (M, 5) x, y, theta, v, phi [m, m, rad, m/s, rad]
     inputs: np.ndarray  # (M, 2) a, w [m/s^2, rad/s]
+    knots: np.ndarray  # (K + 1,) the samples that are knots
     wheelbase: float  # m
-    errors: np.ndarray  # (M,) most that any point of the car is away from where the states say [m]
-    heading_errors: np.ndarray  # (M,) [rad]
-    bends: np.ndarray  # (M - 1,) largest acceleration of any point of the car within a step [m/s^2]
-    steps_per_interval: int  # knot k is sample k * steps_per_interval
-    peaks: np.ndarray  # (2,) largest |v| and |phi| at any time [m/s, rad]
+    errors: np.ndarray  # (K + 1,) most that any point of the car is away from where the states say until a knot [m]
+    heading_error: float  # most that the heading is off at any time [rad]
+    bends: np.ndarray  # (K,) largest acceleration of any point of the car between two knots [m/s^2]
+    peaks: np.ndarray  # (2, K) largest |v| and |phi| between two knots [m/s, rad]
 
-    def step_at(self, times: np.ndarray) -> np.ndarray:
-        """The step that times (N,) lie in."""
-        return np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+    @property
+    def times(self) -> np.ndarray:
+        """Those of the knots: (K + 1,) [s]."""
+        return self.t[self.knots]
 
     def poses_at(self, times: np.ndarray) -> np.ndarray:
-        """Poses (N, 3) at times (N,), within the errors of the next sample: Simpson's rule from the one before."""
-        i = self.step_at(times)
-        tau, span = times - self.t[i], self.t[i + 1] - self.t[i]
+        """Poses (N, 3) at times (N,), within the errors of the next knot: Simpson's rule from the sample before."""
+        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         x, y, theta, v, phi = self.states[i].T
-        slope = (self.inputs[i + 1] - self.inputs[i]) / span[:, None]
-        at = []  # speed and turning rate now, half-way and then
-        for part in (0.0, 0.5, 1.0):
-            since = (part * tau)[:, None]
-            change = since * self.inputs[i] + since**2 / 2 * slope
-            speed = v + change[:, 0]
-            at.append((speed, speed * np.tan(phi + change[:, 1]) / self.wheelbase))
-        (v0, g0), (v1, g1), (v2, g2) = at
-        middle, last = theta + tau / 24 * (5 * g0 + 8 * g1 - g2), theta + tau / 6 * (g0 + 4 * g1 + g2)
-        x = x + tau / 6 * (v0 * np.cos(theta) + 4 * v1 * np.cos(middle) + v2 * np.cos(last))
-        y = y + tau / 6 * (v0 * np.sin(theta) + 4 * v1 * np.sin(middle) + v2 * np.sin(last))
-        return np.stack([x, y, last], axis=1)
+        a, w = self.inputs[i].T
+        tau = times - self.t[i]
+        half = tau / 2 * (np.diff(self.inputs, axis=0).T / np.diff(self.t))[:, i]
+        v1, phi1 = v + tau / 2 * (a + half[0] / 2), phi + tau / 2 * (w + half[1] / 2)
+        v2, phi2 = v + tau * (a + half[0]), phi + tau * (w + half[1])
+        g0, g1, g2 = np.stack([v, v1, v2]) * np.tan(np.stack([phi, phi1, phi2])) / self.wheelbase
+        headings = np.stack([theta, theta + tau / 24 * (5 * g0 + 8 * g1 - g2), theta + tau / 6 * (g0 + 4 * g1 + g2)])
+        weighted = np.stack([tau / 6 * v, tau / 1.5 * v1, tau / 6 * v2])
+        moved = [x + (weighted * np.cos(headings)).sum(axis=0), y + (weighted * np.sin(headings)).sum(axis=0)]
+        return np.stack([*moved, headings[2]], axis=1)
 
 
 def motion_of(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> Motion:
-    """The motion from a pose (3,), at rest, with the trajectory's inputs; its states are not used."""
-    h = np.diff(trajectory.t)
-    steps = max(2, math.ceil(float(h.max()) / MAX_STEP))
-    tau = np.arange(2 * steps) / (2 * steps)  # fractions of an interval: every step and every half step
-    a0, w0 = trajectory.inputs[:-1].T
-    da, dw = np.diff(trajectory.inputs, axis=0).T
-    v, phi = _integral_of_linear(a0, da, h, tau), _integral_of_linear(w0, dw, h, tau)
-    step = np.repeat(h / steps, steps)  # (M - 1,) s
+    """The motion from a pose (3,), at rest, with the trajectory's inputs; its states are not used.
+
+    Raises:
+        OverflowError: it takes longer than LONGEST, or more than MOST_STEPS steps.
+    """
+    h, inputs = np.diff(trajectory.t), trajectory.inputs
+    slope = np.diff(inputs, axis=0) / h[:, None]
+    at_knots = np.zeros_like(inputs)  # v, phi
+    at_knots[1:] = np.cumsum(h[:, None] * (inputs[:-1] + inputs[1:]) / 2, axis=0)
+    peaks = np.stack([_peaks(at_knots[:, i], inputs[:, i], h) for i in (Input.A, Input.W)])  # (2, K)
+    heading_errors, position_errors, bends = _bounds(peaks, inputs, h, vehicle)
+    ways, farthest = h * peaks[0], float(np.linalg.norm(vehicle.corners, axis=1).max())
+    off = math.sqrt(2.0) * (position_errors + heading_errors * ways.sum()) + farthest * heading_errors
+    shares = off * h.sum() / (MOST_ERROR * h)  # of what may be added up, in one step; NaN where there is no bound
+    steps = np.ceil(np.fmin(np.maximum(shares, 1.0) ** 0.25, np.ceil(h / SHORTEST_STEP)))
+    if steps.sum() > MOST_STEPS or h.sum() > LONGEST:
+        raise OverflowError(f"{h.sum():.3g} s in {steps.sum():.3g} steps are too many to be integrated")
+    n = steps.astype(int)
+    knots = np.append(0, np.cumsum(n))
+    interval = np.repeat(np.arange(len(n)), 2 * n)  # of every half step
+    since = (np.arange(2 * knots[-1]) - 2 * knots[interval]) * (h / (2 * n))[interval]
+    since, interval = np.append(since, h[-1]), np.append(interval, len(n) - 1)
+    reached = inputs[interval] + since[:, None] * slope[interval]
+    v, phi = (at_knots[interval] + since[:, None] / 2 * (inputs[interval] + reached)).T
+    step = np.repeat(h / n, n)  # (M - 1,) s
     theta = _cumulative_at_half_steps(start[2], v * np.tan(phi) / vehicle.wheelbase, step)
     x = _cumulative_simpson(start[0], v * np.cos(theta), step)
     y = _cumulative_simpson(start[1], v * np.sin(theta), step)
-    t = np.append((trajectory.t[:-1, None] + h[:, None] * tau[None, ::2]).ravel(), trajectory.t[-1])
-    at_knots = np.stack([v, phi], axis=1)[:: 2 * steps]
-    peaks = np.stack([_peaks(at_knots[:, i], trajectory.inputs[:, i], h) for i in (Input.A, Input.W)])  # (2, K)
-    heading_error, position_error, bend = _bounds(peaks, trajectory.inputs, h, h / steps, vehicle)
-    headings = np.append(0.0, np.cumsum(np.repeat(heading_error, steps)))
-    errors = np.append(0.0, np.cumsum(np.repeat(position_error, steps)))
-    errors += np.append(0.0, np.cumsum(step * np.repeat(peaks[0], steps) * headings[1:]))
-    farthest = float(np.linalg.norm(vehicle.corners, axis=1).max())
+    headings = np.append(0.0, np.cumsum(heading_errors / n**4))
+    errors = np.append(0.0, np.cumsum(position_errors / n**4 + ways * headings[1:]))
+    errors = np.nan_to_num(math.sqrt(2.0) * errors + farthest * headings + ROUNDING, nan=np.inf, posinf=np.inf)
     return Motion(
-        t=t,
+        t=(trajectory.t[interval] + since)[::2],
         states=np.column_stack([x, y, theta[::2], v[::2], phi[::2]]),
-        inputs=np.stack([np.interp(t, trajectory.t, column) for column in trajectory.inputs.T], axis=1),
+        inputs=reached[::2],
+        knots=knots,
         wheelbase=vehicle.wheelbase,
-        errors=math.sqrt(2.0) * errors + farthest * headings + ROUNDING,
-        heading_errors=headings,
-        bends=np.repeat(bend, steps),
-        steps_per_interval=steps,
-        peaks=peaks.max(axis=1),
+        errors=errors,
+        heading_error=float(headings[-1]),
+        bends=bends,
+        peaks=peaks,
     )
-
-
-def _integral_of_linear(u0: np.ndarray, du: np.ndarray, h: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """Integral of u from 0 at the first knot, for u = u0 + du tau on every interval: (2 steps intervals + 1,)."""
-    within = h[:, None] * (u0[:, None] * tau + 0.5 * du[:, None] * tau**2)
-    at_knots = np.append(0.0, np.cumsum(h * (u0 + 0.5 * du)))
-    return np.append((at_knots[:-1, None] + within).ravel(), at_knots[-1])
 
 
 def _cumulative_simpson(initial: float, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -130,55 +136,57 @@ def _peaks(values: np.ndarray, rates: np.ndarray, h: np.ndarray) -> np.ndarray:
 
 
 def _bounds(
-    peaks: np.ndarray, inputs: np.ndarray, h: np.ndarray, step: np.ndarray, vehicle: Vehicle
+    peaks: np.ndarray, inputs: np.ndarray, h: np.ndarray, vehicle: Vehicle
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For every interval the errors that a step adds to the heading and to x or y, and the largest acceleration.
+    """For every interval the errors that one step adds to the heading and to x or y, and the largest acceleration.
+
+    In n steps the errors are n^4 times smaller.
 
     Args:
         peaks: (2, K) largest |v| and |phi|.
         inputs: (K + 1, 2) at the knots.
         h: (K,) of the intervals [s].
-        step: (K,) of the integration [s].
         vehicle: whose model it is.
     """
     largest = np.maximum(np.abs(inputs[:-1]), np.abs(inputs[1:])).T  # (2, K)
-    bends = np.abs(np.diff(inputs, axis=0)).T / (2 * h)
-    zero = np.zeros(len(h))
-    v: Series = [peaks[0], largest[0], bends[0], zero, zero]
-    phi: Series = [peaks[1], largest[1], bends[1], zero, zero]
-    with np.errstate(over="ignore", invalid="ignore"):
-        tan = _tan(phi)
-    turn = [c / vehicle.wheelbase for c in _product(v, tan)]  # theta'
-    along = _product(v, _circular(turn))  # x' and y'
+    v, phi = np.zeros((2, ORDER, len(h)))
+    for i, series in ((Input.A, v), (Input.W, phi)):
+        series[:3] = peaks[i], largest[i], np.abs(np.diff(inputs[:, i])) / (2 * h)
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite times zero, which is no bound
+        turn = _product(v, _tan(phi)) / vehicle.wheelbase  # theta'
+        along = _product(v, _circular(turn))  # x' and y'
     # Simpson's rule: step^5 / 2880 times the fourth derivative, 24 c_4
-    heading = step**5 / 120 * turn[4]
+    heading = h**5 / 120 * turn[4]
     # the heading in the middle of a step is the parabola's, (step / 2)^4 / 24 times the third derivative off
-    position = step**5 / 120 * along[4] + step * peaks[0] * step**4 / 64 * turn[3]
+    position = h**5 / 120 * along[4] + h * peaks[0] * h**4 / 64 * turn[3]
     farthest = float(np.linalg.norm(vehicle.corners, axis=1).max())
     # p = x + R c:  p'' = a e + v theta' e_perp + theta'' c_perp - theta'^2 c
     acceleration = np.hypot(largest[0], peaks[0] * turn[0]) + farthest * (turn[1] + turn[0] ** 2)
-    return tuple(np.where(np.isnan(bound), np.inf, bound) for bound in (heading, position, acceleration))  # type: ignore[return-value]
+    heading, position, acceleration = np.nan_to_num([heading, position, acceleration], nan=np.inf, posinf=np.inf)
+    return heading, position, acceleration
 
 
 def _product(first: Series, second: Series) -> Series:
-    return [sum(first[i] * second[k - i] for i in range(k + 1)) for k in range(ORDER)]  # type: ignore[misc]
+    product = np.zeros_like(first)
+    for k in range(ORDER):
+        product[k:] += first[k] * second[: ORDER - k]
+    return product
 
 
 def _tan(phi: Series) -> Series:
     """Bounds of tan(phi); infinite where the steering angle reaches a right angle."""
-    with np.errstate(invalid="ignore"):
-        series: Series = [np.where(phi[0] < math.pi / 2, np.tan(phi[0]), np.inf)]
-        for k in range(ORDER - 1):
-            known = [*series, *[np.zeros_like(phi[0])] * (ORDER - len(series))]
-            square = _product(known, known)
-            square[0] = square[0] + 1.0
-            series.append(sum(square[i] * (k - i + 1) * phi[k - i + 1] for i in range(k + 1)) / (k + 1))  # type: ignore[arg-type]
+    series = np.zeros_like(phi)
+    series[0] = np.where(phi[0] < math.pi / 2, np.tan(phi[0]), np.inf)
+    for k in range(ORDER - 1):
+        square = _product(series, series)
+        square[0] += 1.0
+        series[k + 1] = sum((j + 1) * phi[j + 1] * square[k - j] for j in range(k + 1)) / (k + 1)
     return series
 
 
 def _circular(rate: Series) -> Series:
     """Bounds of the cosine and the sine of an angle with a rate: each is the integral of the other times the rate."""
-    series: Series = [np.ones_like(rate[0])]
+    series = np.ones_like(rate)
     for k in range(ORDER - 1):
-        series.append(sum(series[i] * rate[k - i] for i in range(k + 1)) / (k + 1))  # type: ignore[arg-type]
+        series[k + 1] = (series[: k + 1] * rate[k::-1]).sum(axis=0) / (k + 1)
     return series

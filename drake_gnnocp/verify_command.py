@@ -1,0 +1,93 @@
+"""The command line `python -m drake_gnnocp.verify SCENARIO TRAJECTORY.csv`: the check, for anyone's trajectory."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from drake_gnnocp.command_line import BAD_INPUT, DONE, NOT_VERIFIED, OneLineParser
+from drake_gnnocp.files import write_atomically
+from drake_gnnocp.pictures import save_plan_picture
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.trajectory import COLUMNS, Trajectory
+from drake_gnnocp.verification import Verification, verify
+
+PICTURE, DATA = "verification.png", "verification.json"
+HEADINGS = ("checked", "allowed", "found", "where", "when", "ok")
+
+
+def _parser() -> OneLineParser:
+    parser = OneLineParser(
+        prog="python -m drake_gnnocp.verify",
+        description="Drive the inputs of a trajectory from the scenario's start, and check all that a plan promises.",
+        epilog="Exit code: 0 verified, 2 bad input, 3 not verified.",
+    )
+    parser.add_argument("scenario", help="a bundled name, a .json or a TPCAP .csv file")
+    columns = ",".join(COLUMNS)
+    parser.add_argument("trajectory", type=Path, help=f"a .csv file with the header {columns}; knots of any spacing")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"folder to write {PICTURE} and {DATA} into")
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the arguments, verify, print a table of findings and write the files; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        scenario, trajectory = Scenario.load(arguments.scenario), Trajectory.load_csv(arguments.trajectory)
+        if trajectory.flaw:
+            raise ValueError(f"{arguments.trajectory}: {trajectory.flaw}")
+        if arguments.out is not None:
+            arguments.out.mkdir(parents=True, exist_ok=True)
+        x0, y0, _ = scenario.start  # near the origin, see Scenario.translated
+        found = verify(scenario.translated(-x0, -y0), trajectory.translated(-x0, -y0)).translated(x0, y0)
+        print("\n".join(_table(found)))
+        print(f"{scenario.name}: {_outcome(found)}")
+        if arguments.out is not None:
+            _save(arguments.out, scenario, trajectory, found)
+            print(f"written to {arguments.out}")
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
+    except ValueError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    return DONE if found.verified else NOT_VERIFIED
+
+
+def _outcome(found: Verification) -> str:
+    if found.verified:
+        return f"verified, {found.clearance_text}"
+    if not found.findings:
+        return "not verified: its inputs are too large, or it takes too long, to be driven"
+    return f"not verified: {'; '.join(found.faults)}"
+
+
+def _table(found: Verification) -> list[str]:
+    """The findings in columns, a line each."""
+    rows = [HEADINGS] + [
+        (
+            finding.what,
+            finding.allowed,
+            finding.found,
+            f"({finding.x:.2f}, {finding.y:.2f})",
+            f"{finding.t:.2f} s",
+            "yes" if finding.ok else "NO",
+        )
+        for finding in found.findings
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _save(folder: Path, scenario: Scenario, trajectory: Trajectory, found: Verification) -> None:
+    title = f"{scenario.name}: {'verified' if found.verified else 'unverified'}"
+    save_plan_picture(folder / PICTURE, scenario, trajectory, None, title, found.first_fault)
+    data = {
+        "scenario": scenario.name,
+        "verified": found.verified,
+        "verification": found.to_dict(),
+        "findings": [asdict(finding) for finding in found.findings],
+    }
+    write_atomically(folder / DATA, json.dumps(data, indent=1, allow_nan=False) + "\n")
