@@ -115,7 +115,7 @@ def search(
             if outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
     # heuristics that were cut short are infinite where they did not get to, which proves nothing
-    return SearchResult(None, "out of time" if budget.is_over else "no path", expansions)
+    return SearchResult(None, "out of time" if budget.ended else "no path", expansions)
 
 
 class _Arena:
