@@ -135,7 +135,10 @@ def attempt(
     begin = time.monotonic() - guess.seconds
     slack = 1.0 if guess.is_timed else options.slack
     duration = horizon.seconds if isinstance(horizon, Fixed) else slack * guess.trajectory.duration
-    if reason := _refusal(guess.trajectory, duration, scenario):
+    reason = _refusal(guess.trajectory, duration, scenario)
+    if not reason and budget.is_over:
+        reason = budget.ended_before("the first solve")
+    if reason:
         return Attempt(guess.source, time.monotonic() - begin, guess.trajectory, reason=reason)
     closely = many_shifts.has_many(guess) if closely is None else closely
     start = _timed(scenario, guess, horizon, duration, slack, closely)
