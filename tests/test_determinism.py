@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import multiprocessing
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ import pytest
 
 from drake_gnnocp import Plan, Scenario, plan
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.command_line import NOT_VERIFIED, main
 from drake_gnnocp.planner import PlanOptions
 from drake_gnnocp.scenario import bundled_scenarios
 
@@ -81,3 +83,27 @@ def test_a_bundled_scenario_has_one_plan(name: str, horizon: str, tmp_path: Path
             results = [plan(name, horizon=horizon, max_seconds=seconds) for seconds in BUDGETS]
         assert all(result.budget_ended or written(result, tmp_path) == expected for result in results)
         assert not results[-1].budget_ended
+
+
+# --- what counts ---
+
+
+@pytest.mark.parametrize("by_command", [False, True])
+def test_the_time_that_reading_the_scenario_takes_counts(
+    by_command: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, read = [0.0], Scenario.load
+
+    def slowly(name: str) -> Scenario:
+        now[0] += 100.0
+        return read(name)
+
+    monkeypatch.setattr(Scenario, "load", slowly)
+    monkeypatch.setattr(Budget, "of", lambda seconds: Budget(seconds, lambda: now[0]))
+    if by_command:
+        assert main(["empty_field", "--no-pictures", "--out", str(tmp_path)]) == NOT_VERIFIED
+    else:
+        plan("empty_field").save(tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["status"] == "failed" and result["budget_ended"] and result["total_seconds"] >= 100.0
+    assert result["attempts"][0]["reason"] == "the budget of 60 s ended before a hypothesis was chosen"
