@@ -57,7 +57,7 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         holes clockwise; repeated vertices are left out.
     """
     groups = []
-    for polygon in map(orient, _near_the_way(scenario)):
+    for polygon in map(orient, _near_the_way(scenario.polygons, scenario)):
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
         outlines = [np.array(outline.coords) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
@@ -71,9 +71,8 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return padded(groups), padded([np.ones(len(group), dtype=bool) for group in groups])
 
 
-def _near_the_way(scenario: Scenario) -> list[Polygon]:
-    """The obstacles, where there are very many only those nearest to the straight line from start to goal."""
-    polygons = list(scenario.polygons)
+def _near_the_way(polygons: Sequence[Polygon], scenario: Scenario) -> Sequence[Polygon]:
+    """The polygons, where there are very many only those nearest to the straight line from start to goal."""
     if len(polygons) <= MOST_OBSTACLES:
         return polygons
     way = LineString([scenario.start[:2], scenario.goal[:2]])
