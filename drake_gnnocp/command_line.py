@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NoReturn
 
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, horizon_of
 from drake_gnnocp.planner.options import GUESSES, PlanOptions, source_named
@@ -166,8 +167,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         if not arguments.max_seconds > 0:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
+        budget = Budget.of(arguments.max_seconds)
         scenario = Scenario.load(arguments.scenario)
-        source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
+        with budget.standing_still():
+            source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
         folder = arguments.out or Path("artifacts") / "plans" / scenario.name
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):  # raises before anything is computed that could then not be written
@@ -175,7 +178,7 @@ def main(argv: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(_one_line(error), file=sys.stderr)
         return BAD_INPUT
-    result = plan(scenario, arguments.guess, arguments.horizon, arguments.max_seconds)
+    result = plan(scenario, arguments.guess, arguments.horizon, budget)
     result.save(folder)
     for name in PICTURES:
         (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's

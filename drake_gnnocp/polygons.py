@@ -5,7 +5,9 @@ A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -104,7 +106,7 @@ def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
         Convex rings, each (M, 2) and counter-clockwise [m].
     """
     ring = clean_ring(np.asarray(polygon.exterior.coords)[:-1])
-    if not polygon.interiors and _is_convex(ring):
+    if not polygon.interiors and _is_convex(ring.tolist()):
         return [ring]
     triangles = [np.asarray(t.exterior.coords)[:-1] for t in shapely.constrained_delaunay_triangles(polygon).geoms]
     vertices, ids = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
@@ -119,12 +121,12 @@ def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int
 
     One pass is enough: a merge only widens the angles at the ends of the edges that are left.
     """
-    parts = list(parts)
+    parts, points = list(parts), vertices.tolist()
     owner = {edge: i for i, part in enumerate(parts) for edge in _edges(part)}
     for u, v in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
         i, j = owner[u, v], owner[v, u]
         union = _union_across_edge(parts[i], parts[j], (u, v))
-        if _is_convex(vertices[union]):
+        if _is_convex([points[k] for k in union]):
             owner.update({edge: i for edge in _edges(parts[j])})
             parts[i], parts[j] = union, []
     return [part for part in parts if part]
@@ -141,12 +143,11 @@ def _union_across_edge(first: list[int], second: list[int], edge: tuple[int, int
     return first[i:] + first[:i] + (second[j:] + second[:j])[1:-1]
 
 
-def _is_convex(ring: np.ndarray) -> bool:
-    edges = _following(ring) - ring
-    after = _following(edges)
-    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
-    scale = np.sum(np.linalg.norm(edges, axis=1)) ** 2
-    return bool(np.all(turns >= -CONVEX_TOLERANCE * scale))
+def _is_convex(ring: list[list[float]]) -> bool:
+    # numbers of Python: rings are short, and numpy takes four times as long for so few
+    edges = [(bx - ax, by - ay) for (ax, ay), (bx, by) in pairwise([*ring, ring[0]])]
+    scale = sum(math.hypot(x, y) for x, y in edges) ** 2
+    return all(x * v - y * u >= -CONVEX_TOLERANCE * scale for (x, y), (u, v) in pairwise([*edges, edges[0]]))
 
 
 def _following(values: np.ndarray) -> np.ndarray:

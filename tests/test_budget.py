@@ -1,8 +1,8 @@
-"""Budgets: what is left, shares of it, and time kept for later, by a clock that the tests turn."""
+"""Budgets: what is left, what counts, and whether work was left undone, by a clock that the tests turn."""
 
 import math
 
-from drake_gnnocp.budget import Budget
+from drake_gnnocp.budget import RESERVE, Budget
 
 
 class Clock:
@@ -18,43 +18,46 @@ class Clock:
 
 def test_a_budget_runs_down_and_ends() -> None:
     clock = Clock()
-    budget = Budget.of(10.0, clock)
-    assert budget.left == 10.0 and not budget.is_over
+    budget = Budget(10.0, clock)
+    assert budget.left == 10.0 and budget.spent == 0.0 and not budget.is_over
     clock.now += 7.0
-    assert budget.left == 3.0
+    assert budget.left == 3.0 and budget.spent == 7.0
     clock.now += 3.0
     assert budget.is_over and budget.left == 0.0
     clock.now += 50.0
     assert budget.left == 0.0
 
 
-def test_a_share_begins_now_and_is_of_what_is_left() -> None:
+def test_a_budget_has_ended_work_only_where_work_was_left() -> None:
     clock = Clock()
-    budget = Budget.of(10.0, clock)
-    clock.now += 6.0
-    share = budget.share(0.25)
-    assert share.left == 1.0
+    budget = Budget(10.0, clock)
+    clock.now += 20.0
+    assert not budget.ended  # nobody had more to do
+    assert budget.is_over and budget.ended
+    assert budget.ended_before("lunch") == "the budget of 10 s ended before lunch"
+
+
+def test_a_budget_that_ended_work_stays_over() -> None:
+    budget = Budget(10.0, Clock())
+    budget.ended = True  # a solver said so
+    assert budget.is_over
+
+
+def test_a_part_is_kept_for_the_last_check() -> None:
+    clock = Clock()
+    assert Budget.of(10.0, clock).left == 10.0 - RESERVE
+    assert 0.0 < Budget.of(RESERVE / 2, clock).left < RESERVE / 2
+
+
+def test_what_is_done_while_a_budget_stands_still_does_not_count() -> None:
+    clock = Clock()
+    budget = Budget(10.0, clock)
     clock.now += 1.0
-    assert share.is_over and budget.left == 3.0
+    with budget.standing_still():
+        clock.now += 50.0
+    assert budget.spent == 1.0 and budget.left == 9.0
 
 
-def test_a_share_is_at_least_what_is_asked_for_but_never_more_than_there_is() -> None:
-    budget = Budget.of(10.0, Clock())
-    assert budget.share(0.1, at_least=5.0).left == 5.0
-    assert budget.share(0.1, at_least=50.0).left == 10.0
-    assert budget.at_most(20.0).left == 10.0
-
-
-def test_time_kept_for_later_is_taken_from_the_end() -> None:
-    clock = Clock()
-    budget = Budget.of(10.0, clock)
-    early = budget.without(2.0)
-    clock.now += 8.0
-    assert early.is_over and budget.left == 2.0
-
-
-def test_an_unlimited_budget_and_its_parts() -> None:
+def test_an_unlimited_budget_never_ends() -> None:
     unlimited = Budget.unlimited()
     assert unlimited.left == math.inf and not unlimited.is_over
-    assert unlimited.share(0.5).left == math.inf
-    assert unlimited.at_most(1e9).left < math.inf

@@ -143,7 +143,7 @@ def test_a_horizon_may_be_a_number_of_numpy() -> None:
     assert result.trajectory is not None and result.trajectory.duration == pytest.approx(20.0)
 
 
-@pytest.mark.parametrize("seconds", [0, -1, np.nan, "5", None])
+@pytest.mark.parametrize("seconds", [0, -1, np.nan, "5", None, True])
 def test_a_budget_that_is_none_is_refused(seconds: Any) -> None:
     with pytest.raises(ValueError, match="^max_seconds: must be positive"):
         plan(FIELD, max_seconds=seconds)

@@ -14,7 +14,7 @@ from drake_gnnocp.learning.checkpoint import load_weights, save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.predict import guesses, interpolated, spline_matrices
 from drake_gnnocp.learning.ranking import Ranking, rank_features
-from drake_gnnocp.learning.scene import Scene, scene_of
+from drake_gnnocp.learning.scene import MOST_OBSTACLES, Scene, scene_of, vectors_of
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
@@ -110,3 +110,13 @@ def test_every_hypothesis_of_every_view_is_given_once() -> None:
     found = list(guesses(load_network(), Scenario.load("map_b"), n_knots=10))
     assert len(found) == 4 * NetworkConfig().hypotheses
     assert len({guess.poses.tobytes() for guess in found}) == len(found)
+
+
+def test_of_very_many_obstacles_the_network_is_shown_those_nearest_to_the_way() -> None:
+    box = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.2], [0.0, 0.2]])
+    boxes = tuple(box + [0.0, 3.0 + y] for y in np.random.default_rng(0).permutation(MOST_OBSTACLES + 100))
+    start, goal, bounds = np.array([-9.0, 0.0, 0.0]), np.array([9.0, 0.0, 0.0]), (-99.0, 99.0, -99.0, 999.0)
+    edges, mask = vectors_of(Scenario("boxes", start, goal, boxes, bounds))
+    assert len(edges) == len(mask) == MOST_OBSTACLES + 4
+    assert edges[:MOST_OBSTACLES, :, 1].min() == 3.0
+    assert edges[:MOST_OBSTACLES, :, 1].max() == pytest.approx(2.0 + MOST_OBSTACLES + 0.2)

@@ -15,7 +15,7 @@ from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.formulation import Formulation, formulate
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings, solve
 from drake_gnnocp.ocp.nlp import STATE_SCALE, build
-from drake_gnnocp.ocp.refine import MOST_ANSWERS, RESERVE, TOO_LATE, Refined, Solve, refine
+from drake_gnnocp.ocp.refine import MOST_ANSWERS, Refined, Solve, refine
 from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
 from drake_gnnocp.ocp.triangle_areas import triangle_areas
 from drake_gnnocp.timing.minimum_effort import with_minimum_effort
@@ -157,15 +157,18 @@ def test_an_impossible_task_ends_with_the_reason_and_the_best_solve() -> None:
 
 
 def test_without_time_nothing_is_solved(gate: Scenario, guess: Trajectory) -> None:
-    refined = refine(gate, problem(gate, guess), Budget.of(RESERVE / 2))  # of which nothing is for solving
-    assert refined.solves == () and refined.reason == TOO_LATE
+    budget = Budget(0.0)
+    refined = refine(gate, problem(gate, guess), budget)
+    assert refined.solves == () and refined.reason == "the budget of 0 s ended before the first solve"
+    assert budget.ended
     assert refined.trajectory is None and not refined.verified
 
 
 def test_ipopt_stops_with_the_budget(gate: Scenario) -> None:
     formulation = problem(gate, straight_line(gate, N_KNOTS))
-    solved = module.solve_once(gate, formulation, USUAL, Budget.of(0.0))
-    assert not solved.success and solved.status == "Wall time exceeded"
+    budget = Budget(0.0)
+    solved = module.solve_once(gate, formulation, USUAL, budget)
+    assert not solved.success and solved.status == "Wall time exceeded" and budget.ended
 
 
 def test_a_plan_keeps_clear_of_what_its_guess_kept_clear_of() -> None:
@@ -247,3 +250,5 @@ def test_there_are_no_more_answers_than_these(
     monkeypatch.setattr(module, "solve_once", collide)
     refined = refine(gate, problem(gate, guess), UNLIMITED)
     assert len(refined.solves) == 1 + MOST_ANSWERS and not refined.verified
+    monkeypatch.setattr(module, "MOST_ITERATIONS", 2)  # of which each takes one
+    assert len(refine(gate, problem(gate, guess), UNLIMITED).solves) == 2

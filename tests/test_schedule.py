@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drake_gnnocp import Scenario, Trajectory, plan
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, Learned, NoGuess, Straight, learned
+from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, Learned, NoGuess, learned
 from drake_gnnocp.guesses.learned import bundled_weights, load_network
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.ocp.refine import Refined, Solve
@@ -143,65 +145,80 @@ def test_the_learned_guess_serves_a_constant_horizon(scenario: Scenario) -> None
     assert result.trajectory.duration == pytest.approx(40.0)
 
 
-class Clock:
-    """A clock that stands still."""
-
-    def __call__(self) -> float:
-        """The instant."""
-        return 0.0
-
-
 def failed(scenario: Scenario, guess: Trajectory) -> Refined:
     check = replace(verify(scenario, guess), limits_ok=False)
     return Refined((Solve(0.0, 0.0, 1, False, "Infeasible", (), 0, 0, guess, check),), 0, "nothing found")
 
 
 @pytest.fixture
-def given(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time that attempts are given, none of which leads to a plan."""
-    seconds: list[float] = []
+def given(monkeypatch: pytest.MonkeyPatch) -> list[Budget]:
+    """The budgets that attempts are given, none of which leads to a plan."""
+    budgets: list[Budget] = []
 
     def nothing_found(scenario: Scenario, formulation: object, budget: Budget, *_: object) -> Refined:
-        seconds.append(budget.left)
+        budgets.append(budget)
         return failed(scenario, straight_line(scenario, KNOTS))
 
     monkeypatch.setattr(attempt_module, "refine", nothing_found)
-    return seconds
+    return budgets
 
 
-def scheduled(source: GuessSource, seconds: float, horizon: FromGuess | MinimumTime) -> list[Attempt]:
+def scheduled(source: GuessSource, horizon: FromGuess | MinimumTime) -> list[Attempt]:
     field = Scenario("field", np.zeros(3), np.array([12.0, 4.0, 0.4]))
-    schedule = Schedule(field, horizon, Budget.of(seconds, Clock()), PlanOptions())
+    schedule = Schedule(field, horizon, Budget.unlimited(), PlanOptions())
     schedule.try_source(source)
     return schedule.attempts
 
 
-def test_early_attempts_leave_time_for_later_ones(given: list[float]) -> None:
-    made = scheduled(SOURCES["hybrid_astar"](PlanOptions()), 20.0, FromGuess())
+def test_all_attempts_run_down_one_budget_that_is_not_divided(given: list[Budget]) -> None:
+    made = scheduled(SOURCES["hybrid_astar"](PlanOptions()), FromGuess())
     assert len(made) == 2 and not any(attempt.verified for attempt in made)
-    assert given == pytest.approx([0.4 * 20.0, 20.0])
-    given.clear()
-    scheduled(Straight(KNOTS), 20.0, FromGuess())
-    assert given == [20.0]
+    assert given[0] is given[1]
 
 
-def test_short_budgets_are_not_divided(given: list[float]) -> None:
-    scheduled(SOURCES["hybrid_astar"](PlanOptions()), 4.0, FromGuess())
-    assert given[0] == 4.0
+def test_a_budget_that_is_over_when_all_is_done_has_ended_nothing(
+    scenario: Scenario, good: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, refine = [0.0], attempt_module.refine
+
+    def slow(*arguments: Any) -> Refined:
+        refined = refine(*arguments)
+        now[0] = 1e9
+        return refined
+
+    monkeypatch.setattr(attempt_module, "refine", slow)
+    result = plan(scenario, good, max_seconds=Budget(60.0, lambda: now[0]))
+    assert result.verified and not result.budget_ended
+    assert "budget" not in result.summary and result.total_seconds == 1e9
 
 
-def test_the_attempts_from_a_path_differ_in_what_the_solver_is_given(given: list[float]) -> None:
-    first, closely = scheduled(SOURCES["hybrid_astar"](PlanOptions()), 20.0, FromGuess())
+def test_what_the_budget_leaves_undone_is_said(given: list[Budget], scenario: Scenario) -> None:
+    ticks = itertools.count()
+    result = plan(scenario, "hybrid_astar", max_seconds=Budget(3.0, lambda: next(ticks)))
+    assert result.budget_ended and result.to_dict()["budget_ended"]
+    assert "the budget ended before all was tried" in result.summary
+    assert result.attempts[0].reason == "Hybrid A*: the budget of 3 s ended before it found a path (0 expansions)"
+
+
+def test_hypotheses_are_looked_at_for_so_many_steps(scenario: Scenario, good: Trajectory, bad: Trajectory) -> None:
+    source = Hypotheses((bad, bad, good))
+    (_, steps), *_ = screened(scenario, source, Budget.unlimited(), PlanOptions())
+    assert steps.converged
+    assert not list(screened(scenario, source, Budget.unlimited(), PlanOptions(), most_steps=2))
+
+
+def test_the_attempts_from_a_path_differ_in_what_the_solver_is_given(given: list[Budget]) -> None:
+    first, closely = scheduled(SOURCES["hybrid_astar"](PlanOptions()), FromGuess())
     assert first.start is not None and closely.start is not None
     assert closely.guess_seconds < first.guess_seconds  # the path is not searched again
     assert np.abs(closely.start.states[:, 3]).max() > np.abs(first.start.states[:, 3]).max()  # nearer to the limits
 
 
-def test_where_time_is_minimised_other_paths_are_tried_as_well(given: list[float]) -> None:
-    assert len(scheduled(SOURCES["hybrid_astar"](PlanOptions()), 50.0, MinimumTime())) == 4
+def test_where_time_is_minimised_other_paths_are_tried_as_well(given: list[Budget]) -> None:
+    assert len(scheduled(SOURCES["hybrid_astar"](PlanOptions()), MinimumTime())) == 4
 
 
-def test_no_more_attempts_are_made_than_are_asked_for(given: list[float], scenario: Scenario) -> None:
+def test_no_more_attempts_are_made_than_are_asked_for(given: list[Budget], scenario: Scenario) -> None:
     result = plan(scenario, "hybrid_astar", options=PlanOptions(most_attempts=1))
     assert len(result.attempts) == 1 and result.status == "unverified"
 

@@ -26,7 +26,7 @@ WALL = np.array([[4.0, -20.0], [5.0, -20.0], [5.0, 20.0], [4.0, 20.0]])
 def budget_of(steps: int) -> Budget:
     """A budget that is over after so many looks at the clock: before each step there is one."""
     ticks: Iterator[int] = count()
-    return Budget(end=steps, clock=lambda: next(ticks))
+    return Budget(steps + 1, clock=lambda: next(ticks))
 
 
 def straight(scenario: Scenario, hurry: float = 1.0, roughness: float = 0.0, seed: int = 0) -> Formulation:

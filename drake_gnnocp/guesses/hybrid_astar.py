@@ -34,7 +34,8 @@ class HybridAStar:
         begin = time.monotonic()
         found = search(scenario, budget, self.options, self.first_stage)
         if found.path is None:
-            reason = f"Hybrid A*: {found.status} ({found.expansions} expansions)"
+            why = budget.ended_before("it found a path") if budget.ended else found.status
+            reason = f"Hybrid A*: {why} ({found.expansions} expansions)"
             yield NoGuess(self.name, reason, time.monotonic() - begin)
             return
         trajectory = timed(found.path, scenario.vehicle, self.knots)

@@ -33,7 +33,7 @@ class RrtStar:
         begin = time.monotonic()
         line = rrt_star_path(scenario, budget, self.seed)
         if line is None:
-            reason = "out of time" if budget.is_over else "no path"
+            reason = budget.ended_before("it found a path") if budget.ended else "no path"
             reason = f"RRT*: {reason} ({MOST_ITERATIONS} iterations at most in each search)"
             yield NoGuess(self.name, reason, time.monotonic() - begin)
             return

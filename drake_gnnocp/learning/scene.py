@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
+from shapely import LineString, Polygon, distance
 from shapely.geometry.polygon import orient
 from torch import Tensor
 
@@ -22,6 +23,7 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
 WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)  # columns of `Scene.vehicle`
+MOST_OBSTACLES = 500  # that the network is shown: its time grows with the square of their number
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         holes clockwise; repeated vertices are left out.
     """
     groups = []
-    for polygon in map(orient, scenario.blocked):
+    for polygon in map(orient, _near_the_way(scenario.blocked, scenario)):
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
         outlines = [np.array(outline.coords) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
@@ -67,6 +69,15 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     if not groups:  # one obstacle that is only padding
         return np.zeros((1, 1, 4)), np.zeros((1, 1), dtype=bool)
     return padded(groups), padded([np.ones(len(group), dtype=bool) for group in groups])
+
+
+def _near_the_way(polygons: Sequence[Polygon], scenario: Scenario) -> Sequence[Polygon]:
+    """The polygons, where there are very many only those nearest to the straight line from start to goal."""
+    if len(polygons) <= MOST_OBSTACLES:
+        return polygons
+    way = LineString([scenario.start[:2], scenario.goal[:2]])
+    nearest = np.argsort(distance(way, polygons), kind="stable")[:MOST_OBSTACLES]
+    return [polygons[j] for j in sorted(nearest)]
 
 
 def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:

@@ -31,9 +31,10 @@ from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
 from drake_gnnocp.verification.clearance import TIGHT
 
-TOO_LATE = "out of time before the first solve"
-RESERVE = 0.2  # s, kept from the budget for the check after a solve
 MOST_ANSWERS = 8  # refinements after the first solve
+# Ipopt's, of all solves, after which no other one follows: a verified plan of a hard task took 615. Where SQP steps
+# have converged, what is not finished soon never is
+MOST_ITERATIONS, MOST_FINISHING = 800, 200
 FINISH_ROWS_WITHIN = 1.2  # m, where SQP steps have converged: little moves any more
 NEEDLESSLY_NEAR = 0.75  # of the line clearance: a verified plan nearer than this, and than its guess, is widened once
 LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
@@ -97,11 +98,10 @@ def refine(
     Args:
         scenario: the task, near the origin.
         formulation: around the guess.
-        budget: of it, a little is kept for the last check.
+        budget: to stop at.
         steps: where SQP steps led from the guess, if they were taken.
         settings: of Ipopt; where the steps have converged, they are those of the finish.
     """
-    budget = budget.without(RESERVE)
     given, given_settings, guess = formulation, settings, formulation.reference
     if steps is not None and steps.trajectory is not guess:
         # steps leave the margins they were asked for
@@ -109,28 +109,32 @@ def refine(
     if steps is not None and steps.converged:
         formulation, settings = replace(formulation, rows_within=FINISH_ROWS_WITHIN), FINISH
     formulation = _with_lines(formulation, dict.fromkeys(overlapping_pairs(formulation), 0.0))
+    if budget.is_over:
+        return Refined((), None, budget.ended_before("the first solve"))
+    most_iterations = MOST_FINISHING if settings is FINISH else MOST_ITERATIONS
     solves: list[Solve] = []
     best, widening = 0, False
-    while len(solves) <= MOST_ANSWERS and not budget.is_over:
+    while True:
         solve = solve_once(scenario, formulation, settings, budget)
         solves.append(solve)
         best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
-        if widening or budget.is_over:
+        if widening:
             break
         if solve.verification.verified:
             widening = _is_needlessly_near(scenario, guess, formulation, solve.verification)
             if not widening:
                 break
-        if solve.success or widening:
-            formulation = answer(scenario, formulation, solve)
-        elif formulation.reference is guess and settings is given_settings:
+        has_answer = solve.success or widening
+        if not has_answer and formulation.reference is guess and settings is given_settings:
             break  # what it left behind tells nothing, and the next solve would be the same
+        if len(solves) > MOST_ANSWERS or sum(done.iterations for done in solves) >= most_iterations or budget.is_over:
+            break
+        if has_answer:
+            formulation = answer(scenario, formulation, solve)
         else:  # back to the guess as it was given
             share, within = given.reference_share, given.rows_within
             formulation = replace(formulation, reference=guess, reference_share=share, rows_within=within)
             settings = given_settings
-    if not solves:
-        return Refined((), None, TOO_LATE)
     return Refined(tuple(solves), best, _reason(solves[best].verification, solves, budget))
 
 
@@ -140,6 +144,7 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     nlp = build(formulation)
     build_seconds = time.perf_counter() - begin
     solution = ipopt.solve(nlp.program, nlp.first_iterate, nlp.hessian, budget.left, settings)
+    budget.ended = budget.ended or solution.status == ipopt.OUT_OF_TIME
     trajectory = nlp.trajectory(solution.program_values)
     return Solve(
         build_seconds=build_seconds,
@@ -212,6 +217,6 @@ def _reason(check: Verification, solves: list[Solve], budget: Budget) -> str:
     if check.verified:
         return ""
     last = solves[-1]
-    late = ", out of time" if budget.is_over else ""
+    late = ", out of time" if budget.ended else ""
     violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""
     return f"{'; '.join(check.faults)} after {len(solves)} solves (Ipopt: {last.status}{late}{violated})"

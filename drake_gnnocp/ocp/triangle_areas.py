@@ -112,19 +112,20 @@ def _nearest(
         poses: (N, 3) of the knots [m, m, rad].
         within: [m].
     """
-    n = points.shape[1]
-    all_points, all_rings = points.reshape(-1, 2), np.repeat(rings, n, axis=0)
-    all_knots, all_car = np.repeat(pairs.knot, n), np.full(len(pairs) * n, is_car)
+    pair = np.nonzero(is_point)[0]  # of every point; most points of many triangles and one long ring are padding
+    all_points, all_rings, all_knots = points[is_point], rings[pair], pairs.knot[pair]
+    all_car = np.full(len(pair), is_car)
     seen = _seen(all_points, all_car, poses[all_knots])
     excess, _ = excess_area(seen, all_rings)
     distance = np.where(excess > 0, _distance(seen, all_rings), 0.0)
-    length = np.repeat(np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=1) / 2, n)
+    length = np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=1)[pair] / 2
     np.divide(excess, distance, out=length, where=distance > TOUCHING)
-    of_pair = np.where(is_point, distance.reshape(-1, n), np.inf)
-    nth = np.sort(of_pair, axis=1)[:, [min(POINTS_PER_PAIR, n) - 1]]
-    keep = np.flatnonzero((of_pair <= nth) & (of_pair < within))
-    obstacle, length = np.repeat(pairs.obstacle, n), np.maximum(length, SHORTEST)
-    return AreaRows(all_knots, obstacle, all_points, all_rings, all_car, distance, length).subset(keep)
+    of_pair = np.full(is_point.shape, np.inf)
+    of_pair[is_point] = distance
+    nth = np.sort(of_pair, axis=1)[:, min(POINTS_PER_PAIR, points.shape[1]) - 1]
+    keep = np.flatnonzero((distance <= nth[pair]) & (distance < within))
+    length = np.maximum(length, SHORTEST)
+    return AreaRows(all_knots, pairs.obstacle[pair], all_points, all_rings, all_car, distance, length).subset(keep)
 
 
 def row_values(rows: AreaRows, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

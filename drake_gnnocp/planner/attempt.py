@@ -10,7 +10,7 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Guess, NoGuess
 from drake_gnnocp.ocp.costs import Cost, evaluate_cost
 from drake_gnnocp.ocp.formulation import formulate
-from drake_gnnocp.ocp.refine import RESERVE, Refined, Solve, refine
+from drake_gnnocp.ocp.refine import Refined, Solve, refine
 from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
 from drake_gnnocp.planner import many_shifts, minimum_time
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, MinimumTime
@@ -135,7 +135,10 @@ def attempt(
     begin = time.monotonic() - guess.seconds
     slack = 1.0 if guess.is_timed else options.slack
     duration = horizon.seconds if isinstance(horizon, Fixed) else slack * guess.trajectory.duration
-    if reason := _refusal(guess.trajectory, duration, scenario):
+    reason = _refusal(guess.trajectory, duration, scenario)
+    if not reason and budget.is_over:
+        reason = budget.ended_before("the first solve")
+    if reason:
         return Attempt(guess.source, time.monotonic() - begin, guess.trajectory, reason=reason)
     closely = many_shifts.has_many(guess) if closely is None else closely
     start = _timed(scenario, guess, horizon, duration, slack, closely)
@@ -147,7 +150,7 @@ def attempt(
     if closely:
         formulation, steps = many_shifts.kept_near(scenario, formulation), None
     elif steps is None and options.sqp and not free:
-        steps = sqp_steps(formulation, SEARCHED, budget.without(RESERVE))
+        steps = sqp_steps(formulation, SEARCHED, budget)
     refined = refine(scenario, formulation, budget, steps)
     if minimise:
         refined = minimum_time.quicker(scenario, refined, options.cost, options.margin, budget)

@@ -21,7 +21,7 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.ipopt import IpoptSettings
-from drake_gnnocp.ocp.refine import RESERVE, Refined, refine
+from drake_gnnocp.ocp.refine import Refined, refine
 from drake_gnnocp.scenario import Scenario
 
 QUICKER = 0.995  # of the duration: a plan that saves less is where it is solved out
@@ -29,10 +29,9 @@ AS_QUICK = 1.001  # of the duration: a later plan may take that much longer, for
 MOST_QUICKER = 4  # solves that follow a verified plan
 CANDIDATES = 3  # plans that are polished, the quickest first
 OVERTAKING = 1.2  # of the quickest plan's duration: slower ones have not overtaken it
-POLISHING_SHARE = 0.5  # of the time that is left, for each of them at most
 HURRY = (10.0, 1.0)  # of the usual weight on time, in each solve of the polishing
 MARGIN = 0.02  # m, clearance asked of the triangle areas then
-PATIENT = IpoptSettings(objective_change=1e-5, settled_iterations=5, max_iterations=400)
+PATIENT = IpoptSettings(objective_change=1e-5, settled_iterations=5)  # in the bundled maps those that settled took 143
 
 
 def quicker(scenario: Scenario, plan: Refined, weights: CostWeights, margin: float, budget: Budget) -> Refined:
@@ -47,7 +46,7 @@ def quicker(scenario: Scenario, plan: Refined, weights: CostWeights, margin: flo
     """
     for _ in range(MOST_QUICKER):
         trajectory = plan.trajectory
-        if trajectory is None or not plan.verified or budget.without(RESERVE).is_over:
+        if trajectory is None or not plan.verified or budget.is_over:
             break
         again = refine(scenario, formulate(scenario, trajectory, weights, margin, minimum_time=True), budget)
         is_quicker = again.trajectory is not None and again.trajectory.duration < QUICKER * trajectory.duration
@@ -70,7 +69,7 @@ def polished(scenario: Scenario, plan: Refined, weights: CostWeights, margin: fl
     """
     for hurry in HURRY:
         trajectory = plan.trajectory
-        if trajectory is None or budget.without(RESERVE).is_over:
+        if trajectory is None or budget.is_over:
             break
         hurried = replace(weights, time=hurry * weights.time)
         formulation = formulate(scenario, trajectory, hurried, min(MARGIN, margin), minimum_time=True)

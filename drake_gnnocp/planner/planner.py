@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
@@ -25,7 +24,7 @@ def plan(
     scenario: Scenario | str | Path,
     guess: str | GuessSource | Trajectory = "auto",
     horizon: Horizon | float | str = "guess",
-    max_seconds: float = 60.0,
+    max_seconds: float | Budget = 60.0,
     options: PlanOptions | None = None,
 ) -> Plan:
     """Plan a trajectory and verify it.
@@ -36,27 +35,25 @@ def plan(
             "hybrid_astar", "rrt_star", "straight"), a source of your own, or a trajectory in the scenario's frame.
         horizon: t_final [s], or "guess" to take it from the guess, or "free" to minimise it with a weight on time along
             several paths; or the same as `FromGuess`, `Fixed` or `MinimumTime`.
-        max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned. Loading the network,
-            at a process's first plan with it, is not part of it.
+        max_seconds: wall-clock budget [s], reading the scenario included; or one that has begun. When it ends, the best
+            attempt so far is returned. Loading the network, at a process's first plan with it, is not part of it.
         options: see `PlanOptions`.
 
     Raises:
         ValueError: scenario, guess, horizon or max_seconds is not one of the above, before anything is planned; or a
             source of your own makes a guess that is not one (see `Guess`).
     """
-    options, horizon = options or PlanOptions(), horizon_of(horizon)
+    budget, options, horizon = budget_of(max_seconds), options or PlanOptions(), horizon_of(horizon)
     if not isinstance(options, PlanOptions):
         raise ValueError(f"options: must be PlanOptions, not {shown(options)}")
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario)
     if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario: must be a Scenario, a bundled name or a file, not {shown(scenario)}")
-    source = _source(scenario, guess, options)
-    if not isinstance(max_seconds, Real) or not max_seconds > 0:
-        raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
-    begin = time.monotonic()
+    with budget.standing_still():
+        source = _source(scenario, guess, options)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    schedule = Schedule(scenario.translated(-x0, -y0), horizon, Budget.of(max_seconds), options)
+    schedule = Schedule(scenario.translated(-x0, -y0), horizon, budget, options)
     if source is None:
         schedule.automatic()
     else:
@@ -69,7 +66,20 @@ def plan(
         attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
     reported = _reported(attempts, horizon)
     moved = tuple(made.translated(x0, y0) for made in attempts)
-    return Plan(scenario, moved, reported, time.monotonic() - begin)
+    return Plan(scenario, moved, reported, budget.spent, budget.ended)
+
+
+def budget_of(value: float | Budget) -> Budget:
+    """The budget that a user means: one as it is, or so many seconds from now on.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    if isinstance(value, Budget):
+        return value
+    if not isinstance(value, Real) or isinstance(value, bool) or not value > 0:
+        raise ValueError(f"max_seconds: must be positive, not {value!r}")
+    return Budget.of(float(value))
 
 
 def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: PlanOptions) -> GuessSource | None:
@@ -91,9 +101,8 @@ def _all_polished(schedule: Schedule) -> list[Attempt]:
     attempts = list(schedule.attempts)
     verified = [i for i, made in enumerate(attempts) if made.verified]
     for which in minimum_time.worth_polishing([_duration(attempts[i]) for i in verified]):
-        budget = schedule.budget.share(minimum_time.POLISHING_SHARE)
         i = verified[which]
-        attempts[i] = polished(schedule.scenario, attempts[i], budget, schedule.options)
+        attempts[i] = polished(schedule.scenario, attempts[i], schedule.budget, schedule.options)
     return attempts
 
 

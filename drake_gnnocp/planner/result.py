@@ -9,7 +9,6 @@ from typing import Any
 
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.ocp.costs import Cost
-from drake_gnnocp.ocp.ipopt import OUT_OF_TIME
 from drake_gnnocp.planner.attempt import Attempt
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -24,6 +23,7 @@ class Plan:
     attempts: tuple[Attempt, ...]  # what was tried, in order
     reported: int  # index of the attempt that the plan is of
     total_seconds: float  # s
+    budget_ended: bool = False  # whether the budget cut work short that would have been done; if not, it played no part
 
     @property
     def attempt(self) -> Attempt:
@@ -73,11 +73,6 @@ class Plan:
         return self.attempt.cost
 
     @property
-    def cut_short(self) -> bool:
-        """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
-        return self.verified and self.attempt.solver_status == OUT_OF_TIME
-
-    @property
     def summary(self) -> str:
         """What came out in one line, and one more for every attempt that was given up."""
         iterations = sum(attempt.iterations for attempt in self.attempts)
@@ -86,8 +81,8 @@ class Plan:
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
             clearance = self.verification.clearance_text
             line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, {clearance}"
-        if self.cut_short:
-            line += "; stopped by the budget: not yet at its optimum"
+        if self.budget_ended:
+            line += "; the budget ended before all was tried"
         reasons = [f"  {attempt.source}: {attempt.reason}" for attempt in self.attempts if attempt.reason]
         return "\n".join([line, *reasons])
 
@@ -107,6 +102,7 @@ class Plan:
             "status": self.status,
             "guess": self.guess_source,
             "total_seconds": self.total_seconds,
+            "budget_ended": self.budget_ended,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
             "cost": None if self.cost is None else self.cost.to_dict(),
             "attempts": [attempt.to_dict() for attempt in self.attempts],

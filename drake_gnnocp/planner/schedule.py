@@ -1,8 +1,13 @@
-"""What the planner tries, in order, until a plan is verified and no better one is looked for."""
+"""What the planner tries, in order, until a plan is verified and no better one is looked for.
+
+All limits are numbers of steps and iterations: a plan does not depend on how busy the machine is. The budget of time
+only ends the work.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -10,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridAStar, NoGuess, Straight
 from drake_gnnocp.ocp.formulation import formulate
-from drake_gnnocp.ocp.refine import RESERVE
 from drake_gnnocp.ocp.sqp import LEARNED, SqpSteps, sqp_steps
 from drake_gnnocp.planner import many_shifts
 from drake_gnnocp.planner.attempt import Attempt, attempt
@@ -22,10 +26,7 @@ from drake_gnnocp.search.moves import Costs
 
 logger = logging.getLogger(__name__)
 
-LEAST_SECONDS = 5.0  # s, given to an attempt before any is kept for the next one
-SEARCH_SHARE = 0.7  # of the time, at most, for a search
-CHOOSING_SHARE, CHOOSING_SECONDS = 0.1, 2.0  # of the time, and s (but half of it at most), for choosing a hypothesis
-HYPOTHESIS_SHARE, FIRST_SHARE, OTHER_SHARE = 0.1, 0.4, 0.5  # of the time that is left, for a solve
+MOST_SQP_STEPS = 100  # to choose a hypothesis where Hybrid A* comes next: at most 95 led to one in 190 tasks
 NO_GUESSES = "the source made no guess"
 NONE_CONVERGED = "SQP steps converged from no hypothesis"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
@@ -60,9 +61,11 @@ class Schedule:
         if source.proposes_many:
             self._try_hypotheses(source, only_best=False)
             return
-        for guess in source.guesses(self.scenario, self.budget.share(SEARCH_SHARE)):
+        for i, guess in enumerate(source.guesses(self.scenario, self.budget)):
+            if i > 0 and self.budget.is_over:
+                return
             self._try_path(source, guess)
-            if not self._may_go_on or self.attempts[-1].is_refused:
+            if self._is_done or self.attempts[-1].is_refused:
                 return
         if not self.attempts:
             self._try(NoGuess(source.name, NO_GUESSES))
@@ -72,23 +75,19 @@ class Schedule:
         return any(made.verified for made in self.attempts)
 
     @property
+    def _is_done(self) -> bool:
+        """Whether there is no reason, or no leave, for another attempt."""
+        if self._is_verified and not isinstance(self.horizon, MinimumTime):
+            return True
+        return self.options.most_attempts is not None and len(self.attempts) >= self.options.most_attempts
+
+    @property
     def _may_go_on(self) -> bool:
         """Whether there is a reason for another attempt, and time and leave for it."""
-        if self._is_verified and not isinstance(self.horizon, MinimumTime):
-            return False
-        if self.options.most_attempts is not None and len(self.attempts) >= self.options.most_attempts:
-            return False
-        return not self.attempts or not self.budget.without(RESERVE).is_over
+        return not self._is_done and (not self.attempts or not self.budget.is_over)
 
-    def _try(
-        self,
-        guess: Guess | NoGuess,
-        share: float = 1.0,
-        steps: SqpSteps | None = None,
-        closely: bool | None = None,
-    ) -> Attempt:
-        budget = self.budget.share(share, at_least=LEAST_SECONDS)
-        made = attempt(self.scenario, guess, self.horizon, budget, self.options, steps, closely)
+    def _try(self, guess: Guess | NoGuess, steps: SqpSteps | None = None, closely: bool | None = None) -> Attempt:
+        made = attempt(self.scenario, guess, self.horizon, self.budget, self.options, steps, closely)
         logger.info("%s: %s", made.source, made.reason or "verified")
         self.attempts.append(made)
         return made
@@ -99,14 +98,14 @@ class Schedule:
             self._try(guess)
             if isinstance(guess, NoGuess) and isinstance(source, HybridAStar) and self._may_go_on:
                 straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
-                self._try(self._first(straight), OTHER_SHARE)
+                self._try(self._first(straight))
             return
         # a search finds no shorter path for the next attempt than the one before
-        if self._try(guess, FIRST_SHARE).is_refused:
+        if self._try(guess).is_refused:
             return
         if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
             self._try_other_searches()
-        if self._may_go_on and not self._is_verified and not many_shifts.has_many(guess):
+        if not self._is_verified and not many_shifts.has_many(guess) and self._may_go_on:
             self._try(replace(guess, seconds=0.0), closely=True)
 
     def _try_other_searches(self) -> None:
@@ -115,9 +114,9 @@ class Schedule:
             if not self._may_go_on:
                 return
             search = HybridAStar(self.options.knots, HybridAStarOptions(costs=QUICK), first)
-            found = self._first(search, SEARCH_SHARE)
+            found = self._first(search)
             if isinstance(found, Guess):
-                self._try(found, OTHER_SHARE)
+                self._try(found)
 
     def _try_hypotheses(self, source: GuessSource, only_best: bool) -> None:
         """The hypotheses that SQP steps converge from, in turn.
@@ -128,25 +127,25 @@ class Schedule:
                 Otherwise all are, and the most promising hypothesis as it is where none leads to a plan.
         """
         if isinstance(self.horizon, Fixed):  # SQP steps were not made for a duration that is not the hypothesis's
-            self._try(self._first(source), HYPOTHESIS_SHARE if only_best else 1.0)
+            self._try(self._first(source))
             return
-        begin, left = time.monotonic(), self.budget.left
-        choosing = self.budget.at_most(max(CHOOSING_SHARE * left, min(CHOOSING_SECONDS, left / 2)))
-        for guess, steps in screened(self.scenario, source, choosing if only_best else self.budget, self.options):
-            self._try(guess, HYPOTHESIS_SHARE, steps)
-            if only_best or not self._may_go_on:
+        begin, most_steps = time.monotonic(), MOST_SQP_STEPS if only_best else math.inf
+        for guess, steps in screened(self.scenario, source, self.budget, self.options, most_steps):
+            self._try(guess, steps)
+            if only_best or self._is_done:
                 return
         if only_best:
-            self._try(NoGuess(source.name, NONE_CONVERGED, time.monotonic() - begin))
+            reason = self.budget.ended_before("a hypothesis was chosen") if self.budget.ended else NONE_CONVERGED
+            self._try(NoGuess(source.name, reason, time.monotonic() - begin))
         elif self._may_go_on:
-            self._try(self._first(source), HYPOTHESIS_SHARE)
+            self._try(self._first(source))
 
-    def _first(self, source: GuessSource, share: float = 1.0) -> Guess | NoGuess:
-        return next(source.guesses(self.scenario, self.budget.share(share)), NoGuess(source.name, NO_GUESSES))
+    def _first(self, source: GuessSource) -> Guess | NoGuess:
+        return next(source.guesses(self.scenario, self.budget), NoGuess(source.name, NO_GUESSES))
 
 
 def screened(
-    scenario: Scenario, source: GuessSource, budget: Budget, options: PlanOptions
+    scenario: Scenario, source: GuessSource, budget: Budget, options: PlanOptions, most_steps: float = math.inf
 ) -> Iterator[tuple[Guess, SqpSteps]]:
     """The hypotheses that SQP steps converge from, in the order given, each looked for when it is asked for.
 
@@ -158,16 +157,18 @@ def screened(
         source: of hypotheses, the most promising first.
         budget: when it is over, no hypothesis is looked at.
         options: see `PlanOptions`.
+        most_steps: SQP steps in all, after which no further hypothesis is looked at.
 
     Yields:
         The hypothesis, with the time spent since the last one, and where the steps led.
     """
-    begin = time.monotonic()
+    begin, taken = time.monotonic(), 0
     for guess in source.guesses(scenario, budget):
-        if budget.is_over or not options.sqp or isinstance(guess, NoGuess):
+        if not options.sqp or isinstance(guess, NoGuess) or taken >= most_steps or budget.is_over:
             break
         formulation = formulate(scenario, guess.trajectory, options.cost, options.margin)
         steps = sqp_steps(formulation, LEARNED, budget)
+        taken += steps.steps
         if steps.converged:
             yield replace(guess, seconds=time.monotonic() - begin - steps.seconds), steps
             begin = time.monotonic()

@@ -11,7 +11,7 @@ touched, which makes the field cost milliseconds.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ class DistanceField:
 
     @classmethod
     def of(
-        cls, convex_rings: Sequence[np.ndarray], region: tuple[float, float, float, float], cell: float, cut_off: float
+        cls, convex_rings: Iterable[np.ndarray], region: tuple[float, float, float, float], cell: float, cut_off: float
     ) -> DistanceField:
         """Build the field.
 

@@ -13,9 +13,12 @@ A region in which the holonomic heuristic proves that there is no way is left ou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import takewhile
+
+import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
@@ -28,6 +31,7 @@ from drake_gnnocp.search.moves import Costs, Move, backwards, merged, poses_alon
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
+from drake_gnnocp.vehicle import Vehicle
 
 INSTALMENT = 100  # expansions of one search before the other's turn
 MOST_CELLS = (60_000, 150_000)  # of the distance fields of surroundings and map; larger areas get larger cells
@@ -115,7 +119,7 @@ def search(
             if outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
     # heuristics that were cut short are infinite where they did not get to, which proves nothing
-    return SearchResult(None, "out of time" if budget.is_over else "no path", expansions)
+    return SearchResult(None, "out of time" if budget.ended else "no path", expansions)
 
 
 class _Arena:
@@ -129,7 +133,9 @@ class _Arena:
 
     @cached_property
     def _field(self) -> DistanceField:
-        return _distance_field(self._scenario, self._region, self._most_cells, self._options.margin)
+        # where the budget ends it, the field is incomplete, and the search ends before it looks there
+        rings = takewhile(lambda _: not self._budget.is_over, self._scenario.convex_obstacles)
+        return _distance_field(rings, self._scenario.vehicle, self._region, self._most_cells, self._options.margin)
 
     @cached_property
     def _queries(self) -> list[Query]:
@@ -162,10 +168,12 @@ class _Arena:
         return outcome, _best(searches), test, sum(one.expansions for one in searches)
 
 
-def _distance_field(scenario: Scenario, region: Box, most_cells: int, margin: float) -> DistanceField:
+def _distance_field(
+    rings: Iterable[np.ndarray], vehicle: Vehicle, region: Box, most_cells: int, margin: float
+) -> DistanceField:
     cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / most_cells))
-    cut_off = scenario.vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
-    return DistanceField.of(scenario.convex_obstacles, region, cell, cut_off)
+    cut_off = vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
+    return DistanceField.of(rings, region, cell, cut_off)
 
 
 def _queries(scenario: Scenario, field: DistanceField, budget: Budget) -> list[Query]:

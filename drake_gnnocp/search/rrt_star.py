@@ -48,6 +48,8 @@ def rrt_star_path(scenario: Scenario, budget: Budget, seed: int = 0) -> np.ndarr
     """
     for disc_radius in (END_RADIUS, math.inf):
         for region in search_regions(scenario):
+            if budget.is_over:
+                return None
             path = _search(_Lines(scenario, region, disc_radius), region, seed, budget)
             if path is not None:
                 return path
