@@ -9,6 +9,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -142,6 +143,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="{guess,free,SECONDS}",
         help="duration: the guess's, optimised with a weight on time, or a constant in seconds (default: %(default)s)",
     )
+    parser.add_argument(
+        "--clearance",
+        type=float,
+        metavar="M",
+        help="clearance in m that is kept at all times, but where start or goal leaves less (default: the scenario's)",
+    )
     parser.add_argument("--no-pictures", action="store_true", help="write no plan.png, states.png and replay.html")
     parser.add_argument("--list", action="store_true", help="list the bundled scenarios and exit")
     parser.add_argument("--verbose", action="store_true", help="log what is tried")
@@ -169,6 +176,8 @@ def main(argv: list[str] | None = None) -> int:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
         budget = Budget.of(arguments.max_seconds)
         scenario = Scenario.load(arguments.scenario)
+        if arguments.clearance is not None:
+            scenario = replace(scenario, clearance=arguments.clearance)
         with budget.standing_still():
             source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
         folder = arguments.out or Path("artifacts") / "plans" / scenario.name

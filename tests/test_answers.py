@@ -153,36 +153,37 @@ def refined_by_hand(
     return refine(scenario, guess, Budget.unlimited()), asked
 
 
-def test_a_verified_plan_nearer_than_its_guess_and_than_it_must_be_is_widened_once(
+def test_a_verified_plan_without_a_comfortable_clearance_is_widened_once_where_that_costs_little(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scenario = task(block(0.012))
     near = solved(scenario, plan())
-    wide = replace(near, verification=replace(near.verification, min_clearance_m=0.02))
-    still_near = replace(near, verification=replace(near.verification, min_clearance_m=0.013))
-    failed = replace(near, success=False, verification=replace(near.verification, collision_free=False))
+    aside = plan().inputs.copy()
+    aside[1:4, 1] += np.array([-0.01, 0.01, 0.0])  # turns a little away from the block
+    wider = replace(plan(), inputs=aside)
+    wide = replace(near, trajectory=wider)
+    dear = replace(near, trajectory=replace(wider, inputs=1.1 * wider.inputs))
+    failed = replace(wide, verification=replace(near.verification, collision_free=False))
     assert near.verification.verified
-    for second, best in ((wide, 1), (still_near, 1), (failed, 0)):
+    for second, best in ((wide, 1), (dear, 0), (near, 0), (failed, 0)):
         refined, asked = refined_by_hand(monkeypatch, scenario, around(scenario), [near, second])
         assert len(asked) == 2 and refined.best == best and refined.verified and refined.reason == ""
-        assert not asked[0].lines and {line.obstacle for line in asked[1].lines} == {0}
+        assert not asked[0].lines and {(line.obstacle, line.clearance) for line in asked[1].lines} == {(0, 0.101)}
 
 
-def test_a_plan_that_is_clear_or_no_nearer_than_its_guess_is_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_that_is_clear_or_that_is_not_to_be_widened_is_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
     clear = task(block(0.5))
     _, asked = refined_by_hand(monkeypatch, clear, around(clear), [solved(clear, plan())])
     assert len(asked) == 1
     near = task(block(0.012))
-    as_near = replace(around(near), reference=plan())
-    _, asked = refined_by_hand(monkeypatch, near, as_near, [solved(near, plan())])
+    _, asked = refined_by_hand(monkeypatch, near, replace(around(near), comfort=0.0), [solved(near, plan())])
     assert len(asked) == 1
 
 
-def test_where_start_and_goal_leave_little_a_plan_may_be_near_whatever_the_room_to_the_bounds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_near_ends_that_leave_little_a_plan_may_be_as_near(monkeypatch: pytest.MonkeyPatch) -> None:
     behind = np.array([[-2.0, -1.0], [0.0, -1.0], [0.0, 1.0], [-2.0, 1.0]]) - [VEHICLE.rear_hang + 0.02, 0.0]
-    tight = replace(task(block(0.01), behind), bounds=(-20.0, 20.0, -20.0, 20.0))
+    ahead = -behind + [8.0 + VEHICLE.wheelbase + VEHICLE.front_hang - VEHICLE.rear_hang, 0.0]
+    tight = replace(task(behind, ahead), bounds=(-20.0, 20.0, -20.0, 20.0))
     _, asked = refined_by_hand(monkeypatch, tight, around(tight), [solved(tight, plan())] * 2)
     assert len(asked) == 1
 

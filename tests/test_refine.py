@@ -99,7 +99,7 @@ def test_a_start_at_the_optimum_stays_there(gate: Scenario, guess: Trajectory, p
     before = sqp_steps(problem(gate, guess), SEARCHED, UNLIMITED)
     steps, again = stepped(gate, problem(gate, plan.trajectory))
     assert again.verified
-    assert sum(solve.iterations for solve in again.solves) <= sum(solve.iterations for solve in plan.solves)
+    assert again.solves[0].iterations <= plan.solves[0].iterations
     assert steps.steps < before.steps
     assert cost(gate, again) == pytest.approx(cost(gate, plan), rel=0.01)  # the solver stops at changes of 0.1 %
 

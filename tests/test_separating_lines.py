@@ -80,13 +80,13 @@ def test_close_pairs_have_the_least_distance_of_each_interval() -> None:
     beside = SQUARE + [FRONT + 3.0, VEHICLE.width / 2 + 0.2]  # on the left, 0.2 m from the lane
     formulation = ahead(SQUARE + [0.0, 5.0], beside)
     motion = drive(np.zeros(3), formulation.reference, VEHICLE)
-    found = close_pairs(formulation, motion, 0.4)
+    found = close_pairs(replace(formulation, line_clearances=np.full(2, 0.4)), motion)
     x = formulation.reference.poses[:, 0]
     short = np.maximum(3.0 - x[1:], 0.0)  # of the obstacle's side, at the end of every interval
     expected = {(k, 1): np.hypot(short[k], 0.2) for k in range(8) if np.hypot(short[k], 0.2) <= 0.4}
     assert found == pytest.approx(expected, abs=1e-3)  # samples are up to 0.02 m apart along the way
-    assert len(close_pairs(formulation, motion, np.array([9.0, 0.1]))) == 8  # every obstacle has its own distance
-    assert {pair[1] for pair in close_pairs(formulation, motion, np.array([9.0, 0.1]))} == {0}
+    one_far = close_pairs(replace(formulation, line_clearances=np.array([9.0, 0.1])), motion)
+    assert len(one_far) == 8 and {pair[1] for pair in one_far} == {0}  # every obstacle has its own distance
 
 
 def test_the_distance_of_an_overlap_is_negative_by_the_penetration() -> None:
@@ -94,4 +94,4 @@ def test_the_distance_of_an_overlap_is_negative_by_the_penetration() -> None:
     formulation = ahead(side)
     motion = drive(np.zeros(3), formulation.reference, VEHICLE)
     expected = {(k, 0): -0.3 for k in range(8)}
-    assert close_pairs(formulation, motion, 0.0) == pytest.approx(expected, abs=EXACT)
+    assert close_pairs(replace(formulation, line_clearances=np.zeros(1)), motion) == pytest.approx(expected, abs=EXACT)

@@ -24,13 +24,12 @@ def overlapping_pairs(formulation: Formulation) -> list[Pair]:
     return sorted(set(zip(*pairs.tolist(), strict=True)))
 
 
-def close_pairs(formulation: Formulation, motion: DrivenMotion, distances: np.ndarray | float) -> dict[Pair, float]:
-    """Distance of the pairs whose obstacle the driven car passes nearer than it is to.
+def close_pairs(formulation: Formulation, motion: DrivenMotion) -> dict[Pair, float]:
+    """Distance of the pairs whose obstacle the driven car passes nearer than it is to between knots.
 
     Args:
-        formulation: supplies the obstacles.
+        formulation: around the knots of the motion; supplies the obstacles and the clearances.
         motion: of the car.
-        distances: (J,) of every obstacle, or one for all [m].
 
     Returns:
         The smallest distance in the interval [m]; where the car overlaps the obstacle, minus the penetration at the
@@ -38,13 +37,13 @@ def close_pairs(formulation: Formulation, motion: DrivenMotion, distances: np.nd
     """
     corners = formulation.vehicle.footprints(motion.states[::LOOK_EVERY, : State.V])
     footprints, obstacles = shapely.polygons(corners), formulation.obstacles
-    least = np.broadcast_to(distances, len(obstacles))
-    samples, which = obstacles.tree.query(footprints, predicate="dwithin", distance=least.max(initial=0.0))
+    most = max(formulation.line_clearances.max(initial=0.0), formulation.demand.clearance)
+    samples, which = obstacles.tree.query(footprints, predicate="dwithin", distance=most)
     found = shapely.distance(footprints[samples], obstacles.polygons[which])
     last = (len(motion.states) - 1) // motion.steps_per_interval - 1
     intervals = np.minimum(samples * LOOK_EVERY // motion.steps_per_interval, last)
     nearest: dict[Pair, tuple[float, int]] = {}
-    for i in np.flatnonzero(found <= least[which]):
+    for i in np.flatnonzero(found <= formulation.between(intervals, which)):
         pair = int(intervals[i]), int(which[i])
         nearest[pair] = min(nearest.get(pair, (math.inf, 0)), (float(found[i]), int(samples[i])))
     return {

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import shapely
 
 from drake_gnnocp.ocp.costs import CostWeights, Proximity, proximity
 from drake_gnnocp.ocp.obstacles import Obstacles
@@ -20,7 +22,26 @@ TRUST_REGION = (2.0, 2.0, 0.8)  # m, m, rad: keeps the solver from jumping over 
 REFERENCE_SHARE = 0.9  # of the reference's distance to an obstacle: no row asks for more but for the least margin
 ROWS_WITHIN = 2.5  # m: rows farther from their obstacle at the reference are left out
 END_SHARE = 0.4  # of the clearance of start and goal: no line or least margin asks for more
+COMFORT = 0.1  # m
 WALL = 20.0  # m, thickness of the walls around the bounds
+# what is asked for over what must be, so that it can be proven; of the radius around an end, less than may be taken
+DEMAND_RESERVE, END_RADIUS_SHARE = 1e-3, 0.95  # m, -
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """A clearance that is asked for at all times, with the exemption of both ends that `Scenario` states."""
+
+    clearance: float  # m
+    ends: np.ndarray  # (2, 2) positions of start and goal [m]
+    end_clearances: np.ndarray  # (2,) what the car has there to obstacles and bounds [m]
+    end_radius: float  # m, within which no more is asked for than the end has
+
+    def at(self, poses: np.ndarray) -> np.ndarray:
+        """What is asked for at poses (N, 3): (N,) [m]."""
+        distance = np.linalg.norm(poses[:, None, :2] - self.ends, axis=2)
+        at_ends = np.where(distance < self.end_radius, self.end_clearances, np.inf).min(axis=1)
+        return np.minimum(self.clearance, at_ends)
 
 
 @dataclass(frozen=True)
@@ -47,10 +68,12 @@ class Formulation:
     margins: np.ndarray  # (J,) clearance asked of obstacles at the knots [m] ...
     least_margins: np.ndarray  # (J,) ... even where the reference is nearer [m]
     line_clearances: np.ndarray  # (J,) of a line that is added, and below which a pair gets one [m]
+    demand: Demand  # of all obstacles alike, however far the reference is from it
     reference_share: float = REFERENCE_SHARE
     limits_margin: float = 0.0  # relative, of the vehicle's limits at the knots: v and phi can peak in between
     rows_within: float = ROWS_WITHIN
     trust_region: tuple[float, float, float] | None = TRUST_REGION  # around the reference's poses
+    comfort: float = COMFORT  # m, clearance that a verified plan gets where that costs little
     lines: tuple[Line, ...] = ()
     minimum_time: bool = False  # whether the time step is a variable, with the weight on time
 
@@ -58,6 +81,16 @@ class Formulation:
     def step(self) -> float:
         """The time step h of the reference [s]."""
         return self.reference.duration / (len(self.reference) - 1)
+
+    @cached_property
+    def demanded(self) -> np.ndarray:
+        """The clearance that is asked for at the knots: (N,) [m]."""
+        return self.demand.at(self.reference.poses)
+
+    def between(self, intervals: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+        """The clearance that pairs (P,) of an interval and an obstacle are to have between the knots: (P,) [m]."""
+        demanded = np.maximum(self.demanded[:-1], self.demanded[1:])
+        return np.maximum(self.line_clearances[obstacles], demanded[intervals])
 
     @property
     def knots(self) -> np.ndarray:
@@ -80,7 +113,7 @@ def formulate(
     """
     walls = bounding_walls(scenario.bounds)
     n, n_walls = len(scenario.convex_obstacles), len(walls)
-    inside = np.full(n_walls, _distance_inside(scenario))
+    inside = np.full(n_walls, _distances_inside(scenario).min())
     allowed = END_SHARE * float(scenario.end_clearances.min(initial=math.inf))
     of_walls = np.minimum(BOUNDS_MARGIN, END_SHARE * inside)
     turns = 2 * np.pi * np.round((reference.poses[-1, State.THETA] - scenario.goal[State.THETA]) / (2 * np.pi))
@@ -97,9 +130,21 @@ def formulate(
         margins=np.append(np.full(n, margin), of_walls),
         least_margins=np.append(np.full(n, min(LEAST_MARGIN, margin, allowed)), of_walls),
         line_clearances=np.append(np.full(n, min(LINE_CLEARANCE, allowed)), of_walls),
+        demand=demand_of(scenario, scenario.clearance),
         trust_region=None if minimum_time else TRUST_REGION,
+        comfort=0.0 if minimum_time else COMFORT,
         minimum_time=minimum_time,
     )
+
+
+def demand_of(scenario: Scenario, clearance: float) -> Demand:
+    """A clearance [m] asked of a scenario's motion."""
+    ends = np.stack([scenario.start, scenario.goal])
+    cars = shapely.polygons(scenario.vehicle.footprints(ends))
+    to_obstacles = [shapely.distance(car, np.array(scenario.polygons)).min(initial=math.inf) for car in cars]
+    at_ends = np.minimum(to_obstacles, _distances_inside(scenario))
+    asked = clearance + DEMAND_RESERVE if clearance else 0.0
+    return Demand(asked, ends[:, :2], at_ends, END_RADIUS_SHARE * scenario.vehicle.length)
 
 
 def bounding_walls(bounds: tuple[float, float, float, float] | None) -> list[np.ndarray]:
@@ -112,10 +157,11 @@ def bounding_walls(bounds: tuple[float, float, float, float] | None) -> list[np.
     return [np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) for x0, y0, x1, y1 in boxes]
 
 
-def _distance_inside(scenario: Scenario) -> float:
-    """How far inside the bounds the car is at start and goal; infinite without bounds [m]."""
+def _distances_inside(scenario: Scenario) -> np.ndarray:
+    """How far inside the bounds the car is at start and goal: (2,), infinite without bounds [m]."""
     if scenario.bounds is None:
-        return math.inf
+        return np.full(2, math.inf)
     ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
-    (low, high), (xmin, xmax, ymin, ymax) = (ends.min(axis=(0, 1)), ends.max(axis=(0, 1))), scenario.bounds
-    return max(0.0, float(min(low[0] - xmin, xmax - high[0], low[1] - ymin, ymax - high[1])))
+    low, high = np.reshape(scenario.bounds, (2, 2)).T
+    room = np.minimum(ends.min(axis=1) - low, high - ends.max(axis=1)).min(axis=1)
+    return np.maximum(room, 0.0)

@@ -54,14 +54,16 @@ def half_planes(formulation: Formulation, poses: np.ndarray) -> list[RowBlock]:
     """
     vehicle = formulation.vehicle
     footprints = vehicle.footprints(poses)
-    pairs = formulation.obstacles.pairs_within(footprints, formulation.reference.t, WITHIN)
+    within = WITHIN + formulation.demand.clearance
+    pairs = formulation.obstacles.pairs_within(footprints, formulation.reference.t, within)
     if not len(pairs):
         return []
-    planes = _chosen(pairs, footprints[pairs.knot], vehicle)
+    planes = _chosen(pairs, footprints[pairs.knot], vehicle, within)
     if not len(planes.knot):
         return []
     margins = np.minimum(formulation.reference_share * formulation.end_clearances, formulation.margins)[planes.obstacle]
     margins[planes.between] = np.minimum(margins[planes.between], SWEPT_CLEARANCE)
+    margins = np.maximum(margins, formulation.demand.at(poses)[planes.knot])
     knots, position, rows, columns = pose_pattern(planes.knot, POINTS)
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,8 +98,8 @@ def _turned(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _chosen(pairs: Pairs, corners: np.ndarray, vehicle: Vehicle) -> _Planes:
-    """The axes of pairs whose cars have the corners (P, 4, 2) [m]."""
+def _chosen(pairs: Pairs, corners: np.ndarray, vehicle: Vehicle, within: float) -> _Planes:
+    """The axes of the pairs nearer than `within` [m], whose cars have the corners (P, 4, 2) [m]."""
     ring, n, m = pairs.rings, pairs.normals, outward_normals(corners)
     of_corners = n @ corners.transpose(0, 2, 1) - np.sum(n * ring, axis=2)[..., None]  # (P, M, 4)
     of_vertices = m @ ring.transpose(0, 2, 1) - np.sum(m * corners, axis=2)[..., None]  # (P, 4, M)
@@ -132,7 +134,7 @@ def _chosen(pairs: Pairs, corners: np.ndarray, vehicle: Vehicle) -> _Planes:
     left, normals = _swept(distance, pairs, corners, m)
     both, twice = np.concatenate([left, left + 1]), np.tile(normals, (2, 1))
     swept = _common(pairs, both, twice, corners, np.tile(ring[left], (2, 1, 1)), vehicle)
-    return planes.subset(np.flatnonzero(distance < WITHIN)).joined(swept)
+    return planes.subset(np.flatnonzero(distance < within)).joined(swept)
 
 
 def _common(

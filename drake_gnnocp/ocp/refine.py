@@ -7,7 +7,8 @@ inside. So every converged plan is verified densely; every (interval, convex obs
 separating line, the rows near the trajectory are chosen anew, and the program is solved again from where it stopped.
 What else the check found is answered in kind: collocation's cubics end a little beside the goal when the knots are far
 apart, so the next solve aims as much to the other side; v and phi can exceed their limits between knots, so the knots
-get a margin. A verified plan that passes an obstacle nearer than it must is widened once, and kept if that fails.
+get a margin. A verified plan with less than a comfortable clearance is solved once more for it; what comes out is taken
+where it is verified, has more clearance where it was short of it, and costs little more.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ import numpy as np
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.ocp import ipopt
 from drake_gnnocp.ocp.close_pairs import Pair, close_pairs, overlapping_pairs
-from drake_gnnocp.ocp.formulation import Formulation, Line
+from drake_gnnocp.ocp.costs import cost_terms, total_cost
+from drake_gnnocp.ocp.formulation import Formulation, Line, demand_of
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings
 from drake_gnnocp.ocp.nlp import build
 from drake_gnnocp.ocp.sqp import SqpSteps
@@ -28,7 +30,7 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
-from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
+from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, verify
 from drake_gnnocp.verification.clearance import TIGHT
 
 MOST_ANSWERS = 8  # refinements after the first solve
@@ -36,7 +38,8 @@ MOST_ANSWERS = 8  # refinements after the first solve
 # have converged, what is not finished soon never is
 MOST_ITERATIONS, MOST_FINISHING = 800, 200
 FINISH_ROWS_WITHIN = 1.2  # m, where SQP steps have converged: little moves any more
-NEEDLESSLY_NEAR = 0.75  # of the line clearance: a verified plan nearer than this, and than its guess, is widened once
+DEARER = 1.02  # of a plan's cost: what more clearance may cost
+MOST_WIDENING = 40  # iterations of Ipopt for it
 LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
 
 
@@ -113,23 +116,22 @@ def refine(
         return Refined((), None, budget.ended_before("the first solve"))
     most_iterations = MOST_FINISHING if settings is FINISH else MOST_ITERATIONS
     solves: list[Solve] = []
-    best, widening = 0, False
+    best = 0
     while True:
         solve = solve_once(scenario, formulation, settings, budget)
         solves.append(solve)
         best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
-        if widening:
-            break
         if solve.verification.verified:
-            widening = _is_needlessly_near(scenario, guess, formulation, solve.verification)
-            if not widening:
-                break
-        has_answer = solve.success or widening
-        if not has_answer and formulation.reference is guess and settings is given_settings:
+            wider = _widened(scenario, formulation, solve, settings, budget)
+            if wider is not None:
+                solves.append(wider)
+                best += _is_worth_it(scenario, formulation, solve, wider)
+            break
+        if not solve.success and formulation.reference is guess and settings is given_settings:
             break  # what it left behind tells nothing, and the next solve would be the same
         if len(solves) > MOST_ANSWERS or sum(done.iterations for done in solves) >= most_iterations or budget.is_over:
             break
-        if has_answer:
+        if solve.success:
             formulation = answer(scenario, formulation, solve)
         else:  # back to the guess as it was given
             share, within = given.reference_share, given.rows_within
@@ -160,11 +162,47 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     )
 
 
+def _widened(
+    scenario: Scenario, formulation: Formulation, solve: Solve, settings: IpoptSettings, budget: Budget
+) -> Solve | None:
+    """A solve for a comfortable clearance, around a verified plan; None where the plan has it, or there is no time."""
+    if not _shortfall(scenario, formulation, solve.trajectory) or budget.is_over:
+        return None
+    wider = answer(scenario, _comfortable(scenario, formulation), solve)
+    return solve_once(scenario, wider, replace(settings, max_iterations=MOST_WIDENING), budget)
+
+
+def _is_worth_it(scenario: Scenario, formulation: Formulation, solve: Solve, wider: Solve) -> bool:
+    """Whether a solve for more clearance is verified, has more where that is short, and costs little more."""
+    terms = cost_terms(formulation.weights, formulation.proximity)
+    before, after = (
+        total_cost(terms, np.hstack([found.states, found.inputs]), found.duration / (len(found) - 1))
+        for found in (solve.trajectory, wider.trajectory)
+    )
+    missed, misses = (_shortfall(scenario, formulation, found.trajectory) for found in (solve, wider))
+    return wider.verification.verified and misses < missed and after <= DEARER * before
+
+
+def _comfortable(scenario: Scenario, formulation: Formulation) -> Formulation:
+    """The formulation that asks for the comfortable clearance."""
+    return replace(formulation, demand=demand_of(scenario, max(formulation.comfort, scenario.clearance)))
+
+
+def _shortfall(scenario: Scenario, formulation: Formulation, found: Trajectory) -> float:
+    """How much a trajectory lacks of the comfortable clearance at worst, 0 where it has that everywhere [m]."""
+    if formulation.comfort <= scenario.clearance:
+        return 0.0
+    around = replace(_comfortable(scenario, formulation), reference=found)
+    close = close_pairs(around, drive(scenario.start, found, scenario.vehicle))
+    pairs = np.array(list(close), dtype=int).reshape(-1, 2)
+    lacking = around.between(*pairs.T) - np.fromiter(close.values(), float)
+    return float(lacking.max(initial=0.0, where=lacking > TIGHT))
+
+
 def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formulation:
     """The formulation that asks for what the check missed in a converged plan, around that plan."""
     found = solve.trajectory
     motion = drive(scenario.start, found, scenario.vehicle)
-    close = close_pairs(formulation, motion, formulation.line_clearances)
     excess = _beyond_limits(scenario, motion)
     limits_margin = formulation.limits_margin + excess + LIMITS_STEP
     answered = replace(
@@ -173,7 +211,7 @@ def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formul
         goal=_aimed_goal(scenario, formulation, motion, found),
         limits_margin=min(LARGEST_LIMITS_MARGIN, limits_margin) if excess > 0 else formulation.limits_margin,
     )
-    return _with_lines(answered, close)
+    return _with_lines(answered, close_pairs(answered, motion))
 
 
 def _aimed_goal(scenario: Scenario, formulation: Formulation, motion: DrivenMotion, found: Trajectory) -> np.ndarray:
@@ -192,23 +230,15 @@ def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
     return float(max(v / scenario.vehicle.v_max, phi / scenario.vehicle.phi_max)) - 1.0
 
 
-def _is_needlessly_near(scenario: Scenario, guess: Trajectory, formulation: Formulation, check: Verification) -> bool:
-    """Whether a plan passes an obstacle nearer than it should and the guess does at its knots; walls are none."""
-    asked = formulation.line_clearances[: len(scenario.convex_obstacles)]
-    if check.min_clearance_m >= NEEDLESSLY_NEAR * asked.max(initial=0.0):
-        return False
-    # what is proven of the plan may be that much less than it has
-    return min_clearance(scenario, scenario.vehicle.footprints(guess.poses)) > check.min_clearance_m + TIGHT
-
-
 def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulation:
     """The pairs that came too close get a line, or a line with more clearance where they had one."""
     clearances = {(line.interval, line.obstacle): line.clearance for line in formulation.lines}
-    for pair, distance in close.items():
+    asked = formulation.between(*np.array(list(close), dtype=int).reshape(-1, 2).T).tolist()
+    for (pair, distance), least in zip(close.items(), asked, strict=True):
         if pair not in clearances:
-            clearances[pair] = float(formulation.line_clearances[pair[1]])
-        elif distance < (least := float(formulation.line_clearances[pair[1]])):
-            clearances[pair] += min(least - distance, least)
+            clearances[pair] = least
+        elif distance < least:
+            clearances[pair] = max(least, clearances[pair] + min(least - distance, least))
     lines = tuple(Line(interval, j, clearance) for (interval, j), clearance in sorted(clearances.items()))
     return replace(formulation, lines=lines)
 

@@ -45,7 +45,9 @@ class AreaRows(Table):
 def triangle_areas(formulation: Formulation) -> list[RowBlock]:
     """Excess / length >= margin of the rows that can become active near the reference, in blocks of knots."""
     rows = rows_near(formulation)
-    least, most = formulation.least_margins[rows.obstacle], formulation.margins[rows.obstacle]
+    demanded = formulation.demanded[rows.knot]
+    least = np.maximum(formulation.least_margins[rows.obstacle], demanded)
+    most = np.maximum(formulation.margins[rows.obstacle], demanded)
     margins = np.clip(formulation.reference_share * rows.distance, least, most)
     blocks = []
     for first in range(0, len(formulation.reference), KNOTS_PER_BLOCK):
@@ -73,7 +75,11 @@ def rows_near(formulation: Formulation) -> AreaRows:
     For every knot and obstacle near each other these are the two corners nearest to the obstacle and its two vertices
     nearest to the car: rows are what costs, and the others' turn comes when they are nearest in a later solve.
     """
-    vehicle, reference, within = formulation.vehicle, formulation.reference, formulation.rows_within
+    vehicle, reference, within = (
+        formulation.vehicle,
+        formulation.reference,
+        formulation.rows_within + formulation.demand.clearance,
+    )
     pairs = formulation.obstacles.pairs_within(vehicle.footprints(reference.poses), reference.t, within)
     of_car = _nearest_corners(pairs, vehicle, reference.poses, within)
     return of_car.joined(_nearest_vertices(pairs, vehicle, reference.poses, within))

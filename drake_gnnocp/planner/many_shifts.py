@@ -66,5 +66,6 @@ def kept_near(scenario: Scenario, formulation: Formulation) -> Formulation:
         rows_within=ROWS_WITHIN,
         least_margins=np.minimum(formulation.least_margins, allowed),
         limits_margin=LIMITS_MARGIN,
+        comfort=0.0,
         line_clearances=np.minimum(formulation.line_clearances, allowed),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
@@ -26,6 +27,7 @@ def plan(
     horizon: Horizon | float | str = "guess",
     max_seconds: float | Budget = 60.0,
     options: PlanOptions | None = None,
+    clearance: float | None = None,
 ) -> Plan:
     """Plan a trajectory and verify it.
 
@@ -38,10 +40,11 @@ def plan(
         max_seconds: wall-clock budget [s], reading the scenario included; or one that has begun. When it ends, the best
             attempt so far is returned. Loading the network, at a process's first plan with it, is not part of it.
         options: see `PlanOptions`.
+        clearance: kept at all times [m], by the rule of `Scenario`; None: what the scenario asks for.
 
     Raises:
-        ValueError: scenario, guess, horizon or max_seconds is not one of the above, before anything is planned; or a
-            source of your own makes a guess that is not one (see `Guess`).
+        ValueError: scenario, guess, horizon, clearance or max_seconds is not one of the above, before anything is
+            planned; or a source of your own makes a guess that is not one (see `Guess`).
     """
     budget, options, horizon = budget_of(max_seconds), options or PlanOptions(), horizon_of(horizon)
     if not isinstance(options, PlanOptions):
@@ -50,6 +53,8 @@ def plan(
         scenario = Scenario.load(scenario)
     if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario: must be a Scenario, a bundled name or a file, not {shown(scenario)}")
+    if clearance is not None:
+        scenario = replace(scenario, clearance=clearance)
     with budget.standing_still():
         source = _source(scenario, guess, options)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated

@@ -135,7 +135,13 @@ class _Arena:
     def _field(self) -> DistanceField:
         # where the budget ends it, the field is incomplete, and the search ends before it looks there
         rings = takewhile(lambda _: not self._budget.is_over, self._scenario.convex_obstacles)
-        return _distance_field(rings, self._scenario.vehicle, self._region, self._most_cells, self._options.margin)
+        return _distance_field(
+            rings,
+            self._scenario.vehicle,
+            self._region,
+            self._most_cells,
+            max(self._options.margin, self._scenario.clearance),
+        )
 
     @cached_property
     def _queries(self) -> list[Query]:
@@ -161,7 +167,12 @@ class _Arena:
         """Search at one stage: how it ended, the moves if there are any, their collision test, nodes expanded."""
         scenario, options = self._scenario, self._options
         queries = self._queries_with_lattice if stage.lattice else self._queries
-        test = FootprintTest(scenario, self._field, self._region, Margins.of(scenario, stage.margin * options.margin))
+        test = FootprintTest(
+            scenario,
+            self._field,
+            self._region,
+            Margins.of(scenario, max(stage.margin * options.margin, scenario.clearance)),
+        )
         common = (test, self._region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
         searches = [GraphSearch(query, *common) for query in queries]
         outcome = _take_turns(searches, stage.expansions, self._budget)

@@ -61,7 +61,7 @@ WARM_UP_SECONDS = 5.0  # s, most for one method
 
 # ------------------------------------------------------------------------------------------------------------ planning
 
-PAPER_PLAN = PlanOptions(cost=CostWeights.paper())  # what the tables compare
+PAPER_PLAN = PlanOptions(cost=CostWeights.paper(), margin=0.1)  # what the tables compare
 
 
 @dataclass(frozen=True)
