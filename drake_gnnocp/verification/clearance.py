@@ -6,6 +6,9 @@ clearance in between is at least (c_1 + c_2 - d) / 2 less the bulge. It is also 
 of both footprints less the bulge, which is tighter and takes more to compute. How far the car is inside the bounds is
 at least the smaller of what it is at the instants, less the bulge. Where that does not do, the time is cut into parts.
 
+A car that is outside of all polygons at its start gets into none without touching an outline: outlines are all that is
+looked at, which is quick for large polygons as well.
+
 What a scenario asks for holds at all times, except that near the start and the goal no more is asked than what the car
 has there, to obstacles and bounds. The zone of an end is a disc: a stretch of time is inside when both its instants
 are, further than the bulge. A stretch that is not is asked for the larger demand.
@@ -54,11 +57,14 @@ class Clearances:
 
 
 class Surroundings:
-    """The exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
+    """The outlines of the exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self.vehicle, self.polygons = scenario.vehicle, scenario.polygons
-        self.tree = shapely.STRtree(scenario.polygons)
+        self.vehicle = scenario.vehicle
+        self.outlines = shapely.MultiLineString(
+            [ring for polygon in scenario.polygons for ring in (polygon.exterior, *polygon.interiors)]
+        )
+        shapely.prepare(self.outlines)
         self.low, self.high = np.reshape(scenario.bounds or (-math.inf, math.inf) * 2, (2, 2)).T
         ends = np.stack([scenario.start, scenario.goal])
         self.ends, self.asked = ends[:, :2], scenario.clearance
@@ -66,10 +72,10 @@ class Surroundings:
             self.asked_at_ends = np.minimum(np.minimum(*self.distances(self.vehicle.footprints(ends))), self.asked)
 
     def to_obstacles(self, shapes: np.ndarray) -> np.ndarray:
-        """Distances of shapes (N,) to the nearest polygon: (N,) [m]."""
-        if not self.polygons:
+        """Distances of shapes (N,) to the nearest outline: (N,) [m]."""
+        if self.outlines.is_empty:
             return np.full(len(shapes), math.inf)
-        return np.asarray(self.tree.query_nearest(shapes, return_distance=True, all_matches=False)[1])
+        return np.asarray(shapely.distance(self.outlines, shapes))
 
     def distances(self, footprints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far footprints (N, 4, 2) are from the obstacles and inside the bounds: (N,) each [m]."""
@@ -97,14 +103,13 @@ class Surroundings:
         free, inside = self.distances(self.vehicle.footprints(poses))
         return np.stack([free, inside, np.minimum(free, inside) - self.demand(poses[:, None, :2])])
 
-    def nearest_point(self, pose: np.ndarray, to_obstacles: bool) -> np.ndarray:
-        """The point (2,) of the car at a pose (3,) that is nearest to the obstacles, or else to the bounds."""
+    def nearest_point(self, pose: np.ndarray, which: int) -> np.ndarray:
+        """The point (2,) of the car at a pose (3,) that has the least of one of the three distances of `Clearances`."""
         footprint = self.vehicle.footprints(pose)[0]
-        if not to_obstacles:
+        free, inside = self.distances(footprint[None])
+        if which == 1 or (which == 2 and inside < free):
             return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
-        car = shapely.Polygon(footprint)
-        nearest = self.polygons[self.tree.query_nearest(car, all_matches=False)[0]]
-        return np.asarray(shapely.shortest_line(car, nearest).coords)[0]
+        return np.asarray(shapely.shortest_line(shapely.Polygon(footprint), self.outlines).coords)[0]
 
 
 def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
@@ -175,18 +180,17 @@ def _refused(margins: np.ndarray) -> np.ndarray:
 def _with_places(
     around: Surroundings, motion: Motion, seen: np.ndarray, at: np.ndarray, proven: np.ndarray
 ) -> Clearances:
+    worst = motion.poses_at(at)
+    asked = max(0.0, float(around.demand(worst[2:, None, :2])[0]))
     found = []
-    for i, is_refused in enumerate(_refused(seen)):
-        t = _first_refused(around, motion, i, float(at[i])) if is_refused else float(at[i])
-        pose = motion.poses_at(np.array([t]))[0]
-        point = pose[:2]
-        if math.isfinite(seen[i]):
-            free, inside, _ = around.margins(pose[None])[:, 0]
-            point = around.nearest_point(pose, (True, False, free < inside)[i])
-        found.append(Least((t, *point.tolist()), float(seen[i]), float(proven[i])))
-    asked = around.demand(motion.poses_at(at[2:])[:, None, :2])
+    for i, (pose, is_refused) in enumerate(zip(worst, _refused(seen), strict=True)):
+        if is_refused:
+            at[i] = _first_refused(around, motion, i, at[i])
+            pose = motion.poses_at(at[i : i + 1])[0]
+        point = around.nearest_point(pose, i) if math.isfinite(seen[i]) else pose[:2]
+        found.append(Least((float(at[i]), *point.tolist()), float(seen[i]), float(proven[i])))
     obstacles, bounds, beyond_demand = found
-    return Clearances(obstacles, bounds, beyond_demand, max(0.0, float(asked[0])))
+    return Clearances(obstacles, bounds, beyond_demand, asked)
 
 
 def _first_refused(around: Surroundings, motion: Motion, which: int, t: float) -> float:
@@ -206,12 +210,13 @@ def _paired(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 def _lost(motion: Motion, ends: np.ndarray) -> np.ndarray:
     """How far any point of the car may be from the chord of its path in stretches of time (S, 2) [s]: (S,) [m]."""
-    last_interval = len(motion.bends) - 1
-    first = np.clip(np.searchsorted(motion.times, ends[:, 0], side="right") - 1, 0, last_interval)
-    last = np.clip(np.searchsorted(motion.times, ends[:, 1], side="left"), first + 1, last_interval + 1)
+    inner = motion.times[1:-1]
+    ranges = np.empty(ends.shape, dtype=int)  # of intervals between knots
+    ranges[:, 0] = inner.searchsorted(ends[:, 0], side="right")
+    ranges[:, 1] = inner.searchsorted(ends[:, 1], side="left") + 1
     bends = np.append(motion.bends, 0.0)  # reduceat wants every index to be one
-    bend = np.maximum.reduceat(bends, np.stack([first, last], axis=1).ravel())[::2]
-    return np.diff(ends, axis=1)[:, 0] ** 2 / 8 * bend + motion.errors[last]
+    bend = np.maximum.reduceat(bends, ranges.ravel())[::2]
+    return (ends[:, 1] - ends[:, 0]) ** 2 / 8 * bend + motion.errors[ranges[:, 1]]
 
 
 def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:
