@@ -22,12 +22,13 @@ import numpy as np
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, Vehicle
 
-MOST_ERROR = 5e-7  # m, that the integration may add up to at any point of the car
+MOST_ERROR = 1e-6  # m, that the integration may add up to at any point of the car
 SHORTEST_STEP = 5e-4  # s, of the integration, whatever its error
 MOST_STEPS, LONGEST = 1_000_000, 1e5  # of the integration; s, the longest drive: more are refused
 ORDER = 5  # coefficients of a series of bounds: up to the fourth derivative
 ROUNDING = 1e-9  # m: what a few thousand additions of numbers up to 1e4 may be off
-SIMPSON, HALF_SIMPSON = np.array([1, 4, 1]) / 6, np.array([5, 8, -1]) / 24  # the second: to the middle of a step
+SIMPSON = np.array([1, 4, 1]) / 6  # weights of values now, half-way and then in the integral until then
+TURNED = np.array([[0, 0, 0], [5, 8, -1], [4, 16, 4]]) / 24  # and in the integrals until now, half-way and then
 
 Series = np.ndarray  # (ORDER, K): coefficients of bounds, one column for every interval
 
@@ -51,16 +52,16 @@ class Motion:
     def poses_at(self, times: np.ndarray) -> np.ndarray:
         """Poses (N, 3) at times (N,), within the errors of the next knot: Simpson's rule from the sample before."""
         i = self.t[1:-1].searchsorted(times, side="right")
-        x, y, theta, v, phi = self.states[i].T
-        tau = times - self.t[i]
-        first = np.stack([v, phi])
+        tau, now = times - self.t[i], self.states[i].T
         rates, slopes = self.inputs[i].T * (tau / 2), self.slopes[i].T * (tau**2 / 8)
-        v, phi = np.stack([first, first + rates + slopes, first + 2 * rates + 4 * slopes], axis=1)  # (3, N): now, then
-        turn = tau / self.wheelbase * v * np.tan(phi)
-        headings = np.stack([theta, theta + HALF_SIMPSON @ turn, theta + SIMPSON @ turn])
-        way = tau * v
-        along = [x + SIMPSON @ (way * np.cos(headings)), y + SIMPSON @ (way * np.sin(headings))]
-        return np.stack([*along, headings[2]], axis=1)
+        v, phi = np.stack([now[3:], now[3:] + rates + slopes, now[3:] + 2 * rates + 4 * slopes], axis=1)  # (3, N) each
+        turn, way = tau / self.wheelbase * v * np.tan(phi), tau * v
+        headings = now[2] + TURNED @ turn  # (3, N): now, half-way and then
+        poses = np.empty((len(times), 3))
+        poses[:, 0] = now[0] + SIMPSON @ (way * np.cos(headings))
+        poses[:, 1] = now[1] + SIMPSON @ (way * np.sin(headings))
+        poses[:, 2] = headings[2]
+        return poses
 
 
 def motion_of(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> Motion:
@@ -176,10 +177,10 @@ def _tan(phi: Series) -> Series:
     """Bounds of tan(phi); infinite where the steering angle reaches a right angle."""
     series = np.zeros_like(phi)
     series[0] = np.where(phi[0] < math.pi / 2, np.tan(phi[0]), np.inf)
+    rate, square = phi[1:] * np.arange(1, ORDER)[:, None], np.empty_like(phi)  # phi', and 1 + tan^2
     for k in range(ORDER - 1):
-        square = _product(series, series)
-        square[0] += 1.0
-        series[k + 1] = sum((j + 1) * phi[j + 1] * square[k - j] for j in range(k + 1)) / (k + 1)
+        square[k] = (series[: k + 1] * series[k::-1]).sum(axis=0) + (k == 0)
+        series[k + 1] = (rate[: k + 1] * square[k::-1]).sum(axis=0) / (k + 1)
     return series
 
 
