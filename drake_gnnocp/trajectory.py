@@ -60,11 +60,12 @@ class Trajectory:
         Returns:
             One line that names the knot, empty where there is nothing.
         """
-        numbers = np.column_stack([self.t, self.states, self.inputs])
-        if not (is_finite := np.isfinite(numbers)).all():
-            knot, column = np.argwhere(~is_finite)[0]
+        if not all(np.isfinite(values).all() for values in (self.t, self.states, self.inputs)):
+            numbers = np.column_stack([self.t, self.states, self.inputs])
+            knot, column = np.argwhere(~np.isfinite(numbers))[0]
             return f"{COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}"
-        if not (is_later := np.diff(self.t) > 0).all():
+        is_later = self.t[1:] > self.t[:-1]
+        if not is_later.all():
             return f"t of knot {is_later.argmin() + 1}: must be larger than that of the knot before"
         return ""
 

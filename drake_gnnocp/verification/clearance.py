@@ -6,6 +6,9 @@ clearance in between is at least (c_1 + c_2 - d) / 2 less the bulge. It is also 
 of both footprints less the bulge, which is tighter and takes more to compute. How far the car is inside the bounds is
 at least the smaller of what it is at the instants, less the bulge. Where that does not do, the time is cut into parts.
 
+A car that is outside of all polygons at its start gets into none without touching an outline: outlines are all that is
+looked at, which is quick for large polygons as well.
+
 What a scenario asks for holds at all times, except that near the start and the goal no more is asked than what the car
 has there, to obstacles and bounds. The zone of an end is a disc: a stretch of time is inside when both its instants
 are, further than the bulge. A stretch that is not is asked for the larger demand.
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -23,8 +27,8 @@ from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
 from drake_gnnocp.verification.motion import Motion
 
 LOOK_EVERY = 16  # footprints, whose clearance tells which of the others can have less
-FIRST, FINEST = 0.3, 1e-5  # s, stretches of time at first, and those that are not cut any more
-PARTS = 4  # that a stretch is cut into
+FIRST, FINEST = 0.5, 1e-5  # s, stretches of time at first, and those that are not cut any more
+CUTS = np.linspace(0.0, 1.0, 7)  # where a stretch is cut into parts
 LOOKS = 64  # instants that the first fault is looked for at, twice
 TIGHT = 1e-3  # m: a proven clearance is that near to the one at an instant, and one that is asked for
 OVER = 1e-5  # m: bounds are proven to be kept but for that
@@ -53,12 +57,22 @@ class Clearances:
     asked: float  # m, the clearance that is asked for where that is the least
 
 
+class Look(NamedTuple):
+    """A car at N instants."""
+
+    times: np.ndarray  # (N,) s
+    poses: np.ndarray  # (N, 3)
+    footprints: np.ndarray  # (N, 4, 2)
+    margins: np.ndarray  # (3, N) the distances of `Clearances` [m]
+
+
 class Surroundings:
-    """The exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
+    """The outlines of the exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self.vehicle, self.polygons = scenario.vehicle, scenario.polygons
-        self.tree = shapely.STRtree(scenario.polygons)
+        self.vehicle = scenario.vehicle
+        self.outlines = shapely.multilinestrings(shapely.get_rings(np.array(scenario.polygons, dtype=object)))
+        shapely.prepare(self.outlines)
         self.low, self.high = np.reshape(scenario.bounds or (-math.inf, math.inf) * 2, (2, 2)).T
         ends = np.stack([scenario.start, scenario.goal])
         self.ends, self.asked = ends[:, :2], scenario.clearance
@@ -66,10 +80,10 @@ class Surroundings:
             self.asked_at_ends = np.minimum(np.minimum(*self.distances(self.vehicle.footprints(ends))), self.asked)
 
     def to_obstacles(self, shapes: np.ndarray) -> np.ndarray:
-        """Distances of shapes (N,) to the nearest polygon: (N,) [m]."""
-        if not self.polygons:
+        """Distances of shapes (N,) to the nearest outline: (N,) [m]."""
+        if self.outlines.is_empty:
             return np.full(len(shapes), math.inf)
-        return np.asarray(self.tree.query_nearest(shapes, return_distance=True, all_matches=False)[1])
+        return np.asarray(shapely.distance(self.outlines, shapes))
 
     def distances(self, footprints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far footprints (N, 4, 2) are from the obstacles and inside the bounds: (N,) each [m]."""
@@ -92,19 +106,21 @@ class Surroundings:
         is_near = away + np.reshape(spread, (-1, 1)) <= self.vehicle.length
         return np.where(is_near, self.asked_at_ends, self.asked).min(axis=1)
 
-    def margins(self, poses: np.ndarray) -> np.ndarray:
-        """The three distances of `Clearances` at poses (N, 3): (3, N) [m]."""
-        free, inside = self.distances(self.vehicle.footprints(poses))
-        return np.stack([free, inside, np.minimum(free, inside) - self.demand(poses[:, None, :2])])
+    def look(self, motion: Motion, times: np.ndarray) -> Look:
+        """The car at times (N,) of a motion."""
+        poses = motion.poses_at(times)
+        footprints = self.vehicle.footprints(poses)
+        free, inside = self.distances(footprints)
+        beyond = np.minimum(free, inside) - self.demand(poses[:, None, :2])
+        return Look(times, poses, footprints, np.stack([free, inside, beyond]))
 
-    def nearest_point(self, pose: np.ndarray, to_obstacles: bool) -> np.ndarray:
-        """The point (2,) of the car at a pose (3,) that is nearest to the obstacles, or else to the bounds."""
+    def nearest_point(self, pose: np.ndarray, which: int) -> np.ndarray:
+        """The point (2,) of the car at a pose (3,) that has the least of one of the three distances of `Clearances`."""
         footprint = self.vehicle.footprints(pose)[0]
-        if not to_obstacles:
+        free, inside = self.distances(footprint[None])
+        if which == 1 or (which == 2 and inside < free):
             return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
-        car = shapely.Polygon(footprint)
-        nearest = self.polygons[self.tree.query_nearest(car, all_matches=False)[0]]
-        return np.asarray(shapely.shortest_line(car, nearest).coords)[0]
+        return np.asarray(shapely.shortest_line(shapely.Polygon(footprint), self.outlines).coords)[0]
 
 
 def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
@@ -120,49 +136,42 @@ def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
     around = Surroundings(scenario)
     begin, end = motion.t[[0, -1]]
     times = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FIRST)))[None]  # (S, C): stretches, cut
-    seen, at, proven = np.full(3, math.inf), np.full(3, begin), np.full(3, math.inf)
+    least, proven, at = np.full(3, math.inf), np.full(3, math.inf), np.full(3, begin)
     while times.size:
-        poses = motion.poses_at(times.ravel())
-        margins = around.margins(poses)
-        least = margins.argmin(axis=1)
-        at = np.where(margins[range(3), least] < seen, times.ravel()[least], at)
-        seen = np.minimum(margins[range(3), least], seen)
-        # what the bounds of a stretch have to be for it to be left alone
-        wanted = np.where(_refused(seen), -math.inf, [seen[0] - min(TIGHT, seen[0] / 2), -OVER, -TIGHT])
-        ends = _paired(times.ravel(), times.shape)
-        bounds = _bounds(around, motion, ends, _paired(poses, times.shape), _paired(margins.T, times.shape), wanted)
-        is_open = (bounds < wanted[:, None]).any(axis=0) & (ends[:, 1] - ends[:, 0] > FINEST)
+        seen = around.look(motion, times.ravel())
+        lowest = seen.margins.argmin(axis=1)
+        found = seen.margins[range(3), lowest]
+        at, least = np.where(found < least, seen.times[lowest], at), np.minimum(found, least)
+        # what the bounds of a part have to be for it to be left alone
+        wanted = np.where(_refused(least), -math.inf, [least[0] - min(TIGHT, least[0] / 2), -OVER, -TIGHT])
+        first = np.arange(times.size).reshape(times.shape)[:, :-1].ravel()
+        bounds = _bounds(around, motion, seen, first, wanted)
+        begins, spans = seen.times[first], seen.times[first + 1] - seen.times[first]
+        is_open = (bounds < wanted[:, None]).any(axis=0) & (spans > FINEST)
         proven = np.minimum(proven, bounds[:, ~is_open].min(axis=1, initial=math.inf))
-        times = ends[is_open, :1] + (ends[is_open, 1:] - ends[is_open, :1]) * np.linspace(0.0, 1.0, PARTS + 1)
-    return _with_places(around, motion, seen, at, proven)
+        times = begins[is_open, None] + spans[is_open, None] * CUTS
+    return _with_places(around, motion, least, at, proven)
 
 
-def _bounds(
-    around: Surroundings,
-    motion: Motion,
-    ends: np.ndarray,
-    poses: np.ndarray,
-    margins: np.ndarray,
-    wanted: np.ndarray,
-) -> np.ndarray:
-    """Lower bounds of the three distances in stretches of time: (3, S) [m].
+def _bounds(around: Surroundings, motion: Motion, seen: Look, first: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Lower bounds of the three distances from instants to the next ones: (3, P) [m].
 
     Args:
         around: what is around the car.
         motion: of the car.
-        ends: (S, 2) times [s].
-        poses: (S, 2, 3) at both ends.
-        margins: (S, 2, 3) the distances at both ends.
+        seen: the car at the instants.
+        first: (P,) the instants that the parts begin with.
         wanted: (3,) bounds that are good enough.
     """
-    corners = around.vehicle.footprints(poses).reshape(-1, 2, 4, 2)
-    lost = _lost(motion, ends)
-    chord = np.sqrt(((corners[:, 1] - corners[:, 0]) ** 2).sum(axis=2).max(axis=1))
-    free = (margins[:, 0, 0] + margins[:, 1, 0] - chord) / 2 - lost
-    inside = np.minimum(margins[:, 0, 1], margins[:, 1, 1]) - lost
-    demand = around.demand(poses[:, :, :2], lost)
+    last = first + 1
+    lost = _lost(motion, seen.times[first], seen.times[last])
+    swept = np.concatenate([seen.footprints[first], seen.footprints[last]], axis=1)  # (P, 8, 2)
+    chord = np.sqrt(((swept[:, 4:] - swept[:, :4]) ** 2).sum(axis=2).max(axis=1))
+    free = (seen.margins[0, first] + seen.margins[0, last] - chord) / 2 - lost
+    inside = np.minimum(seen.margins[1, first], seen.margins[1, last]) - lost
+    demand = around.demand(seen.poses[np.stack([first, last], axis=1), :2], lost)
     near = np.flatnonzero((free < wanted[0]) | (free - demand < wanted[2]))
-    hulls = shapely.convex_hull(shapely.multipoints(corners[near].reshape(-1, 8, 2)))
+    hulls = shapely.convex_hull(shapely.linestrings(swept[near]))
     free[near] = np.maximum(free[near], around.to_obstacles(hulls) - lost[near])
     return np.stack([free, inside, np.minimum(free, inside) - demand])
 
@@ -175,43 +184,37 @@ def _refused(margins: np.ndarray) -> np.ndarray:
 def _with_places(
     around: Surroundings, motion: Motion, seen: np.ndarray, at: np.ndarray, proven: np.ndarray
 ) -> Clearances:
+    worst = motion.poses_at(at)
+    asked = max(0.0, float(around.demand(worst[2:, None, :2])[0]))
     found = []
-    for i, is_refused in enumerate(_refused(seen)):
-        t = _first_refused(around, motion, i, float(at[i])) if is_refused else float(at[i])
-        pose = motion.poses_at(np.array([t]))[0]
-        point = pose[:2]
-        if math.isfinite(seen[i]):
-            free, inside, _ = around.margins(pose[None])[:, 0]
-            point = around.nearest_point(pose, (True, False, free < inside)[i])
-        found.append(Least((t, *point.tolist()), float(seen[i]), float(proven[i])))
-    asked = around.demand(motion.poses_at(at[2:])[:, None, :2])
+    for i, (pose, is_refused) in enumerate(zip(worst, _refused(seen), strict=True)):
+        if is_refused:
+            at[i] = _first_refused(around, motion, i, at[i])
+            pose = motion.poses_at(at[i : i + 1])[0]
+        point = around.nearest_point(pose, i) if math.isfinite(seen[i]) else pose[:2]
+        found.append(Least((float(at[i]), *point.tolist()), float(seen[i]), float(proven[i])))
     obstacles, bounds, beyond_demand = found
-    return Clearances(obstacles, bounds, beyond_demand, max(0.0, float(asked[0])))
+    return Clearances(obstacles, bounds, beyond_demand, asked)
 
 
 def _first_refused(around: Surroundings, motion: Motion, which: int, t: float) -> float:
     """When a distance that is refused at a time first is, as finely as is looked at."""
     times = np.linspace(motion.t[0], t, LOOKS)
     for _ in range(2):
-        first = int(_refused(around.margins(motion.poses_at(times)))[which].argmax())
+        first = int(_refused(around.look(motion, times).margins)[which].argmax())
         times = np.linspace(times[max(first - 1, 0)], times[first], LOOKS)
     return float(times[-1])
 
 
-def _paired(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Values (S C, ...) at the instants of S stretches that are cut by C instants, at both ends of the parts."""
-    cut = values.reshape(*shape, *values.shape[1:])
-    return np.stack([cut[:, :-1], cut[:, 1:]], axis=2).reshape(-1, 2, *values.shape[1:])
-
-
-def _lost(motion: Motion, ends: np.ndarray) -> np.ndarray:
-    """How far any point of the car may be from the chord of its path in stretches of time (S, 2) [s]: (S,) [m]."""
-    last_interval = len(motion.bends) - 1
-    first = np.clip(np.searchsorted(motion.times, ends[:, 0], side="right") - 1, 0, last_interval)
-    last = np.clip(np.searchsorted(motion.times, ends[:, 1], side="left"), first + 1, last_interval + 1)
+def _lost(motion: Motion, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """How far any point of the car may be from the chord of its path between times (P,) and (P,) [s]: (P,) [m]."""
+    inner = motion.times[1:-1]
+    intervals = np.empty((len(begins), 2), dtype=int)  # between knots: the first, and the one after the last
+    intervals[:, 0] = inner.searchsorted(begins, side="right")
+    intervals[:, 1] = inner.searchsorted(ends, side="left") + 1
     bends = np.append(motion.bends, 0.0)  # reduceat wants every index to be one
-    bend = np.maximum.reduceat(bends, np.stack([first, last], axis=1).ravel())[::2]
-    return np.diff(ends, axis=1)[:, 0] ** 2 / 8 * bend + motion.errors[last]
+    bend = np.maximum.reduceat(bends, intervals.ravel())[::2]
+    return (ends - begins) ** 2 / 8 * bend + motion.errors[intervals[:, 1]]
 
 
 def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:

@@ -22,11 +22,13 @@ import numpy as np
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, Vehicle
 
-MOST_ERROR = 5e-7  # m, that the integration may add up to at any point of the car
+MOST_ERROR = 1e-6  # m, that the integration may add up to at any point of the car
 SHORTEST_STEP = 5e-4  # s, of the integration, whatever its error
 MOST_STEPS, LONGEST = 1_000_000, 1e5  # of the integration; s, the longest drive: more are refused
 ORDER = 5  # coefficients of a series of bounds: up to the fourth derivative
 ROUNDING = 1e-9  # m: what a few thousand additions of numbers up to 1e4 may be off
+SIMPSON = np.array([1, 4, 1]) / 6  # weights of values now, half-way and then in the integral until then
+TURNED = np.array([[0, 0, 0], [5, 8, -1], [4, 16, 4]]) / 24  # and in the integrals until now, half-way and then
 
 Series = np.ndarray  # (ORDER, K): coefficients of bounds, one column for every interval
 
@@ -38,32 +40,28 @@ class Motion:
     t: np.ndarray  # (M,) s, every knot among them
     states: np.ndarray  # (M, 5) x, y, theta, v, phi [m, m, rad, m/s, rad]
     inputs: np.ndarray  # (M, 2) a, w [m/s^2, rad/s]
+    slopes: np.ndarray  # (M - 1, 2) of the inputs, until the next sample
     knots: np.ndarray  # (K + 1,) the samples that are knots
+    times: np.ndarray  # (K + 1,) of the knots [s]
     wheelbase: float  # m
     errors: np.ndarray  # (K + 1,) most that any point of the car is away from where the states say until a knot [m]
     heading_error: float  # most that the heading is off at any time [rad]
     bends: np.ndarray  # (K,) largest acceleration of any point of the car between two knots [m/s^2]
     peaks: np.ndarray  # (2, K) largest |v| and |phi| between two knots [m/s, rad]
 
-    @property
-    def times(self) -> np.ndarray:
-        """Those of the knots: (K + 1,) [s]."""
-        return self.t[self.knots]
-
     def poses_at(self, times: np.ndarray) -> np.ndarray:
         """Poses (N, 3) at times (N,), within the errors of the next knot: Simpson's rule from the sample before."""
-        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
-        x, y, theta, v, phi = self.states[i].T
-        a, w = self.inputs[i].T
-        tau = times - self.t[i]
-        half = tau / 2 * (np.diff(self.inputs, axis=0).T / np.diff(self.t))[:, i]
-        v1, phi1 = v + tau / 2 * (a + half[0] / 2), phi + tau / 2 * (w + half[1] / 2)
-        v2, phi2 = v + tau * (a + half[0]), phi + tau * (w + half[1])
-        g0, g1, g2 = np.stack([v, v1, v2]) * np.tan(np.stack([phi, phi1, phi2])) / self.wheelbase
-        headings = np.stack([theta, theta + tau / 24 * (5 * g0 + 8 * g1 - g2), theta + tau / 6 * (g0 + 4 * g1 + g2)])
-        weighted = np.stack([tau / 6 * v, tau / 1.5 * v1, tau / 6 * v2])
-        moved = [x + (weighted * np.cos(headings)).sum(axis=0), y + (weighted * np.sin(headings)).sum(axis=0)]
-        return np.stack([*moved, headings[2]], axis=1)
+        i = self.t[1:-1].searchsorted(times, side="right")
+        tau, now = times - self.t[i], self.states[i].T
+        rates, slopes = self.inputs[i].T * (tau / 2), self.slopes[i].T * (tau**2 / 8)
+        v, phi = np.stack([now[3:], now[3:] + rates + slopes, now[3:] + 2 * rates + 4 * slopes], axis=1)  # (3, N) each
+        turn, way = tau / self.wheelbase * v * np.tan(phi), tau * v
+        headings = now[2] + TURNED @ turn  # (3, N): now, half-way and then
+        poses = np.empty((len(times), 3))
+        poses[:, 0] = now[0] + SIMPSON @ (way * np.cos(headings))
+        poses[:, 1] = now[1] + SIMPSON @ (way * np.sin(headings))
+        poses[:, 2] = headings[2]
+        return poses
 
 
 def motion_of(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> Motion:
@@ -102,7 +100,9 @@ def motion_of(start: np.ndarray, trajectory: Trajectory, vehicle: Vehicle) -> Mo
         t=(trajectory.t[interval] + since)[::2],
         states=np.column_stack([x, y, theta[::2], v[::2], phi[::2]]),
         inputs=reached[::2],
+        slopes=slope[interval[:-1:2]],
         knots=knots,
+        times=trajectory.t,
         wheelbase=vehicle.wheelbase,
         errors=errors,
         heading_error=float(headings[-1]),
@@ -177,10 +177,10 @@ def _tan(phi: Series) -> Series:
     """Bounds of tan(phi); infinite where the steering angle reaches a right angle."""
     series = np.zeros_like(phi)
     series[0] = np.where(phi[0] < math.pi / 2, np.tan(phi[0]), np.inf)
+    rate, square = phi[1:] * np.arange(1, ORDER)[:, None], np.empty_like(phi)  # phi', and 1 + tan^2
     for k in range(ORDER - 1):
-        square = _product(series, series)
-        square[0] += 1.0
-        series[k + 1] = sum((j + 1) * phi[j + 1] * square[k - j] for j in range(k + 1)) / (k + 1)
+        square[k] = (series[: k + 1] * series[k::-1]).sum(axis=0) + (k == 0)
+        series[k + 1] = (rate[: k + 1] * square[k::-1]).sum(axis=0) / (k + 1)
     return series
 
 
