@@ -33,8 +33,8 @@ class RrtStar:
         begin = time.monotonic()
         line = rrt_star_path(scenario, budget, self.seed)
         if line is None:
-            reason = budget.ended_before("it found a path") if budget.ended else "no path"
-            reason = f"RRT*: {reason} ({MOST_ITERATIONS} iterations at most in each search)"
+            no_path = f"no path ({MOST_ITERATIONS} iterations at most in each search)"
+            reason = f"RRT*: {budget.ended_before('it found a path') if budget.ended else no_path}"
             yield NoGuess(self.name, reason, time.monotonic() - begin)
             return
         path = geared(line, scenario.start, scenario.goal, scenario.vehicle)

@@ -31,7 +31,7 @@ CANDIDATES = 3  # plans that are polished, the quickest first
 OVERTAKING = 1.2  # of the quickest plan's duration: slower ones have not overtaken it
 HURRY = (10.0, 1.0)  # of the usual weight on time, in each solve of the polishing
 MARGIN = 0.02  # m, clearance asked of the triangle areas then
-PATIENT = IpoptSettings(objective_change=1e-5, settled_iterations=5)  # in the bundled maps those that settled took 143
+PATIENT = IpoptSettings(objective_change=1e-5, settled_iterations=5)  # what settles at all took 143 iterations
 
 
 def quicker(scenario: Scenario, plan: Refined, weights: CostWeights, margin: float, budget: Budget) -> Refined:
