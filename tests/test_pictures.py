@@ -210,6 +210,7 @@ def made_up_plan(scenario: Scenario, trajectory: Trajectory | None, **changes: A
         "trajectory": trajectory,
         "guess": trajectory,
         "guess_source": "hybrid_astar",
+        "no_path": None,
         "verification": SimpleNamespace(min_clearance_m=0.31) if solved else None,
         "cost": SimpleNamespace(J=12.345) if solved else None,
         "attempts": attempts,

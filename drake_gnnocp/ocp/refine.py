@@ -12,6 +12,7 @@ get a margin. A verified plan that passes an obstacle nearer than it must is wid
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,8 @@ from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, min_clearance, verify
 from drake_gnnocp.verification.clearance import TIGHT
+
+logger = logging.getLogger(__name__)
 
 TOO_LATE = "out of time before the first solve"
 RESERVE = 0.2  # s, kept from the budget for the check after a solve
@@ -136,6 +139,8 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     build_seconds = time.perf_counter() - begin
     solution = ipopt.solve(nlp.program, nlp.first_iterate, nlp.hessian, budget.left, settings)
     trajectory = nlp.trajectory(solution.program_values)
+    violated = ", ".join(solution.violated[:3]) or "nothing"
+    logger.debug("Ipopt: %s after %d iterations, violated: %s", solution.status, solution.iterations, violated)
     return Solve(
         build_seconds=build_seconds,
         solve_seconds=solution.seconds,
@@ -206,7 +211,10 @@ def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulati
 def _reason(check: Verification, solves: list[Solve], budget: Budget) -> str:
     if check.verified:
         return ""
-    last = solves[-1]
-    late = ", out of time" if budget.is_over else ""
-    violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""
-    return f"{'; '.join(check.faults)} after {len(solves)} solves (Ipopt: {last.status}{late}{violated})"
+    late = " when time ran out" if budget.is_over else ""
+    return f"the optimised plan {', '.join(check.faults)} after {counted(len(solves), 'solve')}{late}"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things: "1 solve", "2 solves"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

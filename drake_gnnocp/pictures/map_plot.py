@@ -17,6 +17,7 @@ from matplotlib.path import Path
 from drake_gnnocp.pictures import style
 from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_polygons, relative_poses
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -33,6 +34,7 @@ def draw_map(
     trajectory: Trajectory | None = None,
     guess: Trajectory | None = None,
     title: str | None = None,
+    no_path: NoPath | None = None,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -44,6 +46,7 @@ def draw_map(
         trajectory: the optimised plan, None where nothing was found.
         guess: what the solver started from.
         title: written above the map.
+        no_path: why there is no path: where it is blocked is marked.
 
     Returns:
         ax
@@ -62,6 +65,10 @@ def draw_map(
         ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label="optimised path", zorder=5)
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
+    if no_path is not None and no_path.place is not None:
+        x, y = np.array(no_path.place) - origin
+        label = "blocked" if no_path.width is None else f"blocked: {no_path.width:.2f} m wide"
+        ax.plot(x, y, "x", color=style.BLOCKED, markersize=12, markeredgewidth=2.5, label=label, zorder=7)
     _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
     if title:
         ax.set_title(title, fontsize=style.TITLE_SIZE)
@@ -74,21 +81,27 @@ def plan_figure(
     trajectory: Trajectory | None = None,
     guess: Trajectory | None = None,
     title: str | None = None,
+    no_path: NoPath | None = None,
 ) -> Figure:
     """The map of a plan as a figure of its own, for a notebook or a file."""
     low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
     width, height = high - low
     scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
     figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title)
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, no_path)
     return figure
 
 
 def save_plan_picture(
-    path: FilePath | str, scenario: Scenario, trajectory: Trajectory | None, guess: Trajectory | None, title: str | None
+    path: FilePath | str,
+    scenario: Scenario,
+    trajectory: Trajectory | None,
+    guess: Trajectory | None,
+    title: str | None,
+    no_path: NoPath | None = None,
 ) -> None:
     """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    style.save_figure(plan_figure(scenario, trajectory, guess, title), path)
+    style.save_figure(plan_figure(scenario, trajectory, guess, title, no_path), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

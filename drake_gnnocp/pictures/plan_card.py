@@ -24,7 +24,7 @@ def plan_html(plan: Plan) -> str:
     Where nothing was solved, the map shows the guess, and the rows of what is not known are left out.
     """
     picture = BytesIO()
-    style.write_figure(plan_figure(plan.scenario, plan.trajectory, plan.guess), picture, "png")
+    style.write_figure(plan_figure(plan.scenario, plan.trajectory, plan.guess, no_path=plan.no_path), picture, "png")
     source = b64encode(style.small_picture(picture, WIDTH)).decode()
     attempts = [("attempt", "iterations", "outcome"), *(_outcome(attempt) for attempt in plan.attempts)]
     return (

@@ -24,6 +24,7 @@ START = "#009E73"  # bluish green
 GOAL = "#CC79A7"  # reddish purple
 SWEPT = "#56B4E9"  # sky blue: footprints along the plan
 LIMIT = "#000000"
+BLOCKED = "#C00000"  # dark red
 OBSTACLE = "#9A9A9A"
 OBSTACLE_EDGE = "#4D4D4D"
 FRAME = "#666666"

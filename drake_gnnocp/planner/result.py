@@ -10,8 +10,10 @@ from typing import Any
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.ocp.costs import Cost
 from drake_gnnocp.ocp.ipopt import OUT_OF_TIME
-from drake_gnnocp.planner.attempt import Attempt
+from drake_gnnocp.ocp.refine import counted
+from drake_gnnocp.planner.attempt import AT_REST, Attempt
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import Verification
 
@@ -32,7 +34,12 @@ class Plan:
 
     @property
     def status(self) -> str:
-        """What came out: "verified", "unverified" (the check found faults) or "failed" (nothing was solved)."""
+        """What came out.
+
+        "verified", "unverified" (the check found faults), "no_path" (see `no_path`) or "failed" (nothing was solved).
+        """
+        if self.no_path is not None:
+            return "no_path"
         if self.attempt.trajectory is None:
             return "failed"
         return "verified" if self.attempt.verified else "unverified"
@@ -68,6 +75,16 @@ class Plan:
         return self.attempt.cost
 
     @property
+    def no_path(self) -> NoPath | None:
+        """Why there is no path, where that is proven or the search has exhausted its states; else None."""
+        return self.attempt.no_path
+
+    @property
+    def reason(self) -> str:
+        """Why the plan that is reported is not verified; empty where it is."""
+        return self.attempt.reason
+
+    @property
     def cut_short(self) -> bool:
         """Whether the plan is verified, but the budget ended before Ipopt was at its optimum."""
         return self.verified and self.attempt.solver_status == OUT_OF_TIME
@@ -75,9 +92,14 @@ class Plan:
     @property
     def summary(self) -> str:
         """What came out in one line, and one more for every attempt that was given up."""
+        if self.no_path is not None:
+            proven = "proven" if self.no_path.proven else "not proven"
+            return f"{self.scenario.name}: no path ({proven}) in {self.total_seconds:.2f} s: {self.no_path.text}"
+        if self.guess_source == AT_REST:
+            return f"{self.scenario.name}: {self.status}: start and goal are the same: nothing to drive"
         iterations = sum(attempt.iterations for attempt in self.attempts)
         line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
-        line += f", {iterations} iterations, {len(self.attempts)} attempts)"
+        line += f", {counted(iterations, 'iteration')}, {counted(len(self.attempts), 'attempt')})"
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
             clearance = self.verification.min_clearance_m
             line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, clearance {clearance:.2f} m"
@@ -104,6 +126,7 @@ class Plan:
             "total_seconds": self.total_seconds,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
             "cost": None if self.cost is None else asdict(self.cost),
+            "no_path": None if self.no_path is None else self.no_path.to_dict(),
             "attempts": [attempt.to_dict() for attempt in self.attempts],
             "verification": None if self.verification is None else self.verification.to_dict(),
         }
@@ -112,6 +135,7 @@ class Plan:
         """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing.
 
         Where nothing was solved, trajectory.csv is the guess: the best there is, and marked "failed" in result.json.
+        Where there is no path, there is neither of them.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)

@@ -25,13 +25,15 @@ from functools import cached_property, partial
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box, FootprintTest, Margins, clearance
+from drake_gnnocp.search.connection import connect
 from drake_gnnocp.search.distance_field import DistanceField
-from drake_gnnocp.search.graph_search import GraphSearch, Outcome, Query, Resolution
+from drake_gnnocp.search.graph_search import CANDIDATES, GraphSearch, Outcome, Query, Resolution
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs, Move, backwards, merged, poses_along
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.reachability import NoPath, no_path
+from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
 
@@ -67,6 +69,7 @@ SCHEDULE = (
 CONFINED = Stage(position=1.0, heading=1 / 6, length=1.0, margin=0.04, tight=0.3, lattice=True, expansions=3000)
 FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
+MOST_COST = 2.0  # of a direct path over the length of the car
 SHORTEST_CAR = 2.0  # m, likewise
 
 
@@ -142,6 +145,23 @@ def search(
     return SearchResult(None, "out of time" if budget.is_over else "no path", expansions)
 
 
+def direct(scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS) -> GearedPath | None:
+    """A free path without a search, where start and goal are so near that it is no longer than the car; else None.
+
+    Args:
+        scenario: the task, near the origin.
+        options: costs and margin.
+    """
+    radius, longest = scenario.vehicle.turning_radius, scenario.vehicle.length
+    if path_length(tuple(scenario.start), scenario.goal, radius) > longest:
+        return None
+    arena = _Arena(scenario, search_regions(scenario)[0], MOST_CELLS[0], options, Budget.unlimited())
+    test, cost_of = arena.test(SCHEDULE[0]), partial(options.costs.of, sharpest=1.0 / radius)
+    limit = MOST_COST * longest
+    found = connect(scenario.start, scenario.goal, radius, test, cost_of, limit, CANDIDATES)
+    return None if found is None else _geared_path(scenario, found[1], test.spacing)
+
+
 def _exhausted(states: int, options: HybridAStarOptions) -> NoPath:
     cell, angle = (getattr(_resolution(options, SCHEDULE[-1]), name) for name in ("position", "heading"))
     resolution = f"{cell:.2g} m, {math.degrees(angle):.2g} degrees"
@@ -196,7 +216,7 @@ class _Arena:
     def run(self, stage: Stage) -> _Run:
         """Search at one stage."""
         queries = self._queries_with_lattice if stage.lattice else self._queries
-        test, resolution = self._test(stage), _resolution(self._options, stage)
+        test, resolution = self.test(stage), _resolution(self._options, stage)
         searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
         outcome = _take_turns(searches, stage.expansions, self._budget)
         exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
@@ -212,12 +232,13 @@ class _Arena:
         finest = _resolution(self._options, SCHEDULE[-1])
         for query, at_stage in zip(self._queries, exhausted, strict=True):
             if at_stage and clearance(self._scenario, query.root) > LEAST_CLEARANCE:
-                one = GraphSearch(query, self._test(SCHEDULE[-1]), *self._common, finest)
+                one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest)
                 if one.run(FEW_STATES, self._budget) is Outcome.FINISHED and one.is_exhausted:
                     return one.expansions
         return 0
 
-    def _test(self, stage: Stage) -> FootprintTest:
+    def test(self, stage: Stage) -> FootprintTest:
+        """The collision test of a stage."""
         margins = Margins.of(self._scenario, stage.margin * self._options.margin)
         return FootprintTest(self._scenario, self._field, self._region, margins)
 

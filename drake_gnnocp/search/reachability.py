@@ -26,6 +26,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -58,6 +59,11 @@ class NoPath:
     def text(self) -> str:
         """Why there is no path, for people."""
         return self.why if self.place is None else self.why.format(place="({:.1f}, {:.1f})".format(*self.place))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of result.json."""
+        near = None if self.place is None else list(self.place)
+        return {"proven": self.proven, "reason": self.text, "near": near, "passage_width_m": self.width}
 
     def translated(self, dx: float, dy: float) -> NoPath:
         """The same of the task moved by (dx, dy) [m]."""
@@ -244,9 +250,9 @@ def _no_way_in_headings(task: _Task, ways: Iterable[shapely.Geometry]) -> NoPath
     around_start = reached(start, goal)
     if around_start & goal:
         return None
-    place = _between(*(
-        shapely.union_all([layer(k)[i] for k, i in nodes]) for nodes in (around_start, reached(goal, set()))
-    ))
+    place = _between(
+        *(shapely.union_all([layer(k)[i] for k, i in nodes]) for nodes in (around_start, reached(goal, set())))
+    )
     return NoPath("near {place} there is no room for the car to get through, whatever it does", True, place)
 
 
