@@ -134,13 +134,12 @@ def search(
                 return SearchResult(None, "out of time", expansions)
         if number == 0 and not budget.is_over and (proof := no_path(scenario)) is not None:
             return SearchResult(None, "no path", expansions, proof)
-        if run is not None and any(run.exhausted) and CONFINED not in stages:
-            states = arenas[-1].few_states(run.exhausted)
-            if states:
-                return SearchResult(None, "no path", expansions + states, _exhausted(states, options))
-            stages.insert(number + 1, CONFINED)
-        if run is not None and stage is SCHEDULE[-1] and (states := max(run.exhausted)) > FEW_STATES:
+        if run is None or not any(run.exhausted):
+            continue
+        if states := _all_states(stage, run, None if CONFINED in stages else arenas[-1]):
             return SearchResult(None, "no path", expansions, _exhausted(states, options))
+        if CONFINED not in stages:
+            stages.insert(number + 1, CONFINED)
     # heuristics that were cut short are infinite where they did not get to, which proves nothing
     return SearchResult(None, "out of time" if budget.is_over else "no path", expansions)
 
@@ -162,9 +161,23 @@ def direct(scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS) ->
     return None if found is None else _geared_path(scenario, found[1], test.spacing)
 
 
+def _all_states(stage: Stage, run: _Run, arena: _Arena | None) -> int:
+    """How many states there are at the finest resolution from start or goal; 0 where that is not known.
+
+    Args:
+        stage: the last one.
+        run: its, which exhausted the states of an end.
+        arena: of the whole map, to look for few states in; None where that was done.
+    """
+    if arena is not None:
+        return arena.few_states(run.exhausted)
+    states = max(run.exhausted)
+    return states if stage is SCHEDULE[-1] and states > FEW_STATES else 0
+
+
 def _exhausted(states: int, options: HybridAStarOptions) -> NoPath:
     cell, angle = (getattr(_resolution(options, SCHEDULE[-1]), name) for name in ("position", "heading"))
-    resolution = f"{cell:.2g} m, {math.degrees(angle):.2g} degrees"
+    resolution = f"cells of {cell:.2g} m and {math.degrees(angle):.2g} degrees or finer"
     why = f"the search exhausted all {states} states at its finest resolution ({resolution}), which is not a proof"
     return NoPath(why, proven=False)
 

@@ -23,7 +23,6 @@ The widest way, by bisection over smaller discs, tells how wide the passage is t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -38,8 +37,9 @@ HAIR = 0.002  # m, bodies are smaller by this: twice what a verified plan may le
 POSITION_SLACK = 0.015  # m, more than a verified plan may end beside the goal
 HEADING_SLACK = math.radians(1.1)  # rad, likewise
 ARC_SEGMENTS = 12  # of a quarter of a circle
-INTERVALS = 32  # of headings
-MOST_VERTICES = 3000  # of convex parts near the way: with more, headings are not looked at (2 s)
+# numbers of intervals of headings that are looked at in turn, and the most vertices of convex parts near the way with
+# which they are: half a second at most
+INTERVALS = {32: 3000, 128: 500}
 MOST_CORNERS = 2000  # of all obstacles: with more, they are made simpler by the next, and no passage is measured
 SIMPLER = 0.03  # of the disc's radius: outlines move by no more, and what they are grown by is less by as much
 SMALLEST_SHARE = 0.02  # of the disc's radius: a passage narrower than this is none
@@ -77,7 +77,10 @@ def no_path(scenario: Scenario) -> NoPath | None:
     start, goal = (_at(free, middle, task.slack) for middle in task.middles)
     if not set(start) & set(goal):
         return _too_narrow(task)
-    return _no_way_in_headings(task, [free[i] for i in set(start) & set(goal)])
+    rings = task.parts_near(shapely.union_all(free[sorted(set(start) & set(goal))]))
+    vertices = sum(map(len, rings))
+    looked_at = (_no_way_in_headings(task, rings, n) for n, most in INTERVALS.items() if vertices <= most)
+    return next((proof for proof in looked_at if proof is not None), None)
 
 
 class _Task:
@@ -94,7 +97,7 @@ class _Task:
         self.reach = 0.5 * math.hypot(vehicle.length, vehicle.width)
         half_length, half_width = 0.5 * vehicle.length - HAIR, 0.5 * vehicle.width - HAIR
         self.radius = max(min(half_length, half_width), 0.0)  # m, of the disc in the footprint
-        self._body = _body(max(half_length, 0.0), max(half_width, 0.0), math.pi / INTERVALS)
+        self._half_length, self._half_width = max(half_length, 0.0), max(half_width, 0.0)
 
     @cached_property
     def obstacles(self) -> shapely.Geometry:
@@ -120,11 +123,11 @@ class _Task:
         near = shapely.dwithin(np.array(self._scenario.convex_polygons, dtype=object), region, self.reach)
         return [ring for ring, is_near in zip(self._scenario.convex_obstacles, near, strict=True) if is_near]
 
-    def free_at(self, interval: int, rings: list[np.ndarray]) -> np.ndarray:
-        """The components of the free space in an interval of headings among convex rings."""
-        angle = 2 * math.pi * interval / INTERVALS
+    def free_at(self, interval: int, intervals: int, rings: list[np.ndarray]) -> np.ndarray:
+        """The components of the free space in one of some intervals of headings among convex rings."""
+        angle = 2 * math.pi * interval / intervals
         cos, sin = math.cos(angle), math.sin(angle)
-        body = self._body @ np.array([[cos, sin], [-sin, cos]])
+        body = _body(self._half_length, self._half_width, math.pi / intervals) @ np.array([[cos, sin], [-sin, cos]])
         room = self._room(*body.max(axis=0))
         if not rings:
             return _components(room, shapely.GeometryCollection())
@@ -216,30 +219,27 @@ def _neck(way: shapely.Geometry, task: _Task, passes: float, blocked: float) -> 
     return float(point.x), float(point.y)
 
 
-def _no_way_in_headings(task: _Task, ways: Iterable[shapely.Geometry]) -> NoPath | None:
-    """The proof by intervals of headings, with the obstacles near the components that hold both ends."""
-    rings = task.parts_near(shapely.union_all(list(ways)))
-    if sum(map(len, rings)) > MOST_VERTICES:
-        return None
+def _no_way_in_headings(task: _Task, rings: list[np.ndarray], intervals: int) -> NoPath | None:
+    """The proof by intervals of headings, with the convex rings near the components that hold both ends."""
     layers: dict[int, np.ndarray] = {}
 
     def layer(interval: int) -> np.ndarray:
-        half = interval % (INTERVALS // 2)  # the bodies are symmetric: half a turn changes nothing
+        half = interval % (intervals // 2)  # the bodies are symmetric: half a turn changes nothing
         if half not in layers:
-            layers[half] = task.free_at(half, rings)
+            layers[half] = task.free_at(half, intervals, rings)
         return layers[half]
 
     def nodes_of(which: int) -> set[tuple[int, int]]:
-        position = task.headings[which] / (2 * math.pi) * INTERVALS
-        beyond = HEADING_SLACK / (2 * math.pi) * INTERVALS
-        intervals = {round(position - beyond) % INTERVALS, round(position + beyond) % INTERVALS}
-        return {(k, i) for k in intervals for i in _at(layer(k), task.middles[which], task.slack)}
+        position = task.headings[which] / (2 * math.pi) * intervals
+        beyond = HEADING_SLACK / (2 * math.pi) * intervals
+        at = {round(position - beyond) % intervals, round(position + beyond) % intervals}
+        return {(k, i) for k in at for i in _at(layer(k), task.middles[which], task.slack)}
 
     def reached(roots: set[tuple[int, int]], targets: set[tuple[int, int]]) -> set[tuple[int, int]]:
         seen, queue = set(roots), sorted(roots)
         while queue and not seen & targets:
             k, i = queue.pop()
-            for other in ((k + 1) % INTERVALS, (k - 1) % INTERVALS):
+            for other in ((k + 1) % intervals, (k - 1) % intervals):
                 met = np.flatnonzero(shapely.intersects(layer(other), layer(k)[i]))
                 new = {(other, int(j)) for j in met} - seen
                 seen |= new
