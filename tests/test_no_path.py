@@ -114,7 +114,7 @@ def test_a_hundred_impossible_tasks_are_refused(seed: int) -> None:
 def test_the_passage_that_is_too_narrow_is_named_in_the_coordinates_of_the_task() -> None:
     halves = (box(108.0, 108.5, -20.0, 0.9), box(108.0, 108.5, 2.6, 20.0))
     task = Scenario("gate", np.array([100.0, 0, 0]), np.array([118.0, 0, 0]), halves, (94.0, 130.0, -12.0, 12.0))
-    result = plan(task, "hybrid_astar")
+    result = plan(task, "straight")
     assert result.no_path is not None and result.no_path.place is not None and result.no_path.width is not None
     np.testing.assert_allclose(result.no_path.place, (108.25, 1.75), atol=0.05)
     assert result.no_path.width == pytest.approx(1.7, abs=0.01)
@@ -131,7 +131,7 @@ def test_what_has_no_path_exits_3_with_its_reason_and_writes_no_trajectory(
     result = json.loads((out / "result.json").read_text())
     assert result["status"] == "no_path" and result["t_final"] is None
     assert result["no_path"]["proven"] and result["no_path"]["reason"] == "the goal is enclosed on all sides"
-    assert [attempt["guess"] for attempt in result["attempts"]] == ["gnn", "hybrid_astar"]
+    assert [attempt["guess"] for attempt in result["attempts"]] == ["reachability"]
     assert "no path (proven)" in capsys.readouterr().out
     assert {file.name for file in out.iterdir()} == {"plan.png", "result.json", "scenario.json"}
 

@@ -230,8 +230,8 @@ def test_map_marks_where_it_is_blocked(yard: Yard) -> None:
     ax = draw_map(Figure().add_subplot(), yard().translated(*FAR), no_path=blocked)
     (cross,) = (line for line in ax.lines if line.get_label() == "blocked: 1.25 m wide")
     start = next(line for line in ax.lines if line.get_marker() == "o")
-    offset = np.ravel(cross.get_data()) - [np.ravel(start.get_xdata())[0], np.ravel(start.get_ydata())[0]]
-    np.testing.assert_allclose(offset, (3.0, 4.0), atol=FAR_SUM_ERROR)
+    offset = np.subtract(cross.get_xydata(), start.get_xydata())
+    np.testing.assert_allclose(offset, [[3.0, 4.0]], atol=FAR_SUM_ERROR)
 
 
 def test_card_of_a_plan_says_what_came_out_and_what_became_of_every_attempt(yard: Yard, left_turn: Turn) -> None:

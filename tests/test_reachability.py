@@ -13,7 +13,7 @@ import shapely
 from drake_gnnocp import Scenario, Vehicle
 from drake_gnnocp.experiments.dataset.records import load_records
 from drake_gnnocp.scenario import bundled_scenarios
-from drake_gnnocp.search.reachability import NoPath, _body, no_path
+from drake_gnnocp.search.reachability import NoPath, _body, no_passage, no_path
 
 SHARDS = Path(__file__).parents[1] / "artifacts" / "dataset" / "shards"
 VEHICLE = Vehicle()
@@ -80,6 +80,7 @@ def test_without_bounds_there_is_a_way_around() -> None:
 def test_many_corners_change_the_words_and_not_the_proof() -> None:
     closed = no_path(gate(1.7, corners=2500))
     assert closed is not None and closed.proven and closed.place is None
+    assert no_passage(gate(1.7, corners=2500)) is None and no_passage(gate(1.7)) is not None
     assert no_path(gate(VEHICLE.width + 0.001, corners=2500)) is None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
@@ -21,7 +22,7 @@ from drake_gnnocp.planner.options import PlanOptions, source_named
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.planner.schedule import Schedule
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.reachability import no_path
+from drake_gnnocp.search.reachability import NoPath, no_passage, no_path
 from drake_gnnocp.trajectory import Trajectory
 
 SAME_POSE = 1e-3  # m and rad: start and goal that differ by less are the same
@@ -67,7 +68,10 @@ def plan(
         return Plan(scenario, (at_rest(scenario, seconds, options),), 0, time.monotonic() - begin)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     schedule = Schedule(scenario.translated(-x0, -y0), horizon, Budget.of(max_seconds), options)
-    if source is None:
+    refused = _refused(schedule, no_passage)
+    if refused:
+        schedule.attempts += refused
+    elif source is None:
         schedule.automatic()
     else:
         schedule.try_source(source)
@@ -75,7 +79,7 @@ def plan(
     if isinstance(horizon, MinimumTime):
         attempts = _all_polished(schedule)
     if not any(made.verified or made.no_path for made in attempts):
-        attempts += _proof(schedule.scenario, schedule.budget)
+        attempts += _refused(schedule, no_path)
     if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
         line = straight_line(schedule.scenario, options.knots)
         attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
@@ -91,10 +95,10 @@ def _is_same(scenario: Scenario) -> bool:
     return bool(np.abs(change).max() <= SAME_POSE)
 
 
-def _proof(scenario: Scenario, budget: Budget) -> list[Attempt]:
+def _refused(schedule: Schedule, prove: Callable[[Scenario], NoPath | None]) -> list[Attempt]:
     """An attempt that says why there is no path, if that can be proven."""
     begin = time.monotonic()
-    proof = None if budget.is_over else no_path(scenario)
+    proof = None if schedule.budget.is_over else prove(schedule.scenario)
     if proof is None:
         return []
     return [Attempt("reachability", time.monotonic() - begin, None, reason=proof.text, no_path=proof)]

@@ -73,14 +73,18 @@ class NoPath:
 def no_path(scenario: Scenario) -> NoPath | None:
     """Prove that there is no path; None where that cannot be proven. The scenario should be near the origin."""
     task = _Task(scenario)
-    free = task.free_of_disc(task.radius)
-    start, goal = (_at(free, middle, task.slack) for middle in task.middles)
-    if not set(start) & set(goal):
+    if not len(task.ways):
         return _too_narrow(task)
-    rings = task.parts_near(shapely.union_all(free[sorted(set(start) & set(goal))]))
+    rings = task.parts_near(shapely.union_all(task.ways))
     vertices = sum(map(len, rings))
     looked_at = (_no_way_in_headings(task, rings, n) for n, most in INTERVALS.items() if vertices <= most)
     return next((proof for proof in looked_at if proof is not None), None)
+
+
+def no_passage(scenario: Scenario) -> NoPath | None:
+    """What the disc alone proves of `no_path`, which takes a millisecond; None where there are too many corners."""
+    task = _Task(scenario)
+    return None if task.has_many_corners or len(task.ways) else _too_narrow(task)
 
 
 class _Task:
@@ -112,6 +116,13 @@ class _Task:
     @property
     def _simpler(self) -> float:
         return SIMPLER * self.radius if self.has_many_corners else 0.0
+
+    @cached_property
+    def ways(self) -> np.ndarray:
+        """The components of the disc's free space that hold both ends."""
+        free = self.free_of_disc(self.radius)
+        start, goal = (_at(free, middle, self.slack) for middle in self.middles)
+        return free[sorted(set(start) & set(goal))]
 
     def free_of_disc(self, radius: float) -> np.ndarray:
         """The connected components of the free space of a disc [m], polygons."""
