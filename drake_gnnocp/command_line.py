@@ -117,7 +117,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
         prog="python -m drake_gnnocp.plan",
         description="Plan a trajectory for a car among polygons, verify it, and draw it.",
-        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still written).",
+        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still "
+        "written, unless there is no path).",
     )
     parser.add_argument(
         "scenario",
@@ -151,7 +152,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-pictures", action="store_true", help="write no plan.png, states.png and replay.html")
     parser.add_argument("--list", action="store_true", help="list the bundled scenarios and exit")
-    parser.add_argument("--verbose", action="store_true", help="log what is tried")
+    parser.add_argument(
+        "--verbose", action="store_true", help="log to stderr what is tried and what the solver says of it"
+    )
     return parser
 
 
@@ -166,6 +169,8 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
     arguments = _parser().parse_args(argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING)
+    if arguments.verbose:
+        logging.getLogger("drake_gnnocp").setLevel(logging.DEBUG)
     logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; attempts say so
     if arguments.list:
         for name in bundled_scenarios():
@@ -206,8 +211,8 @@ def _one_line(error: Exception) -> str:
 
 def _save_pictures(result: Plan, folder: Path) -> None:
     scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
-    title = f"{scenario.name}: {result.status}"
-    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title, result.first_fault)
+    title = f"{scenario.name}: {result.status.replace('_', ' ')}"
+    save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title, result.first_fault, result.no_path)
     if trajectory is not None:
         save_states_picture(folder / "states.png", trajectory, scenario.vehicle, guess, title)
         save_replay(folder / "replay.html", scenario, trajectory)

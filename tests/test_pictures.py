@@ -33,6 +33,7 @@ from drake_gnnocp.pictures import (
 )
 from drake_gnnocp.pictures.scene import extent
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 
@@ -210,6 +211,7 @@ def made_up_plan(scenario: Scenario, trajectory: Trajectory | None, **changes: A
         "trajectory": trajectory,
         "guess": trajectory,
         "guess_source": "hybrid_astar",
+        "no_path": None,
         "verification": SimpleNamespace(min_clearance_m=0.31) if solved else None,
         "cost": SimpleNamespace(J=12.345) if solved else None,
         "first_fault": None,
@@ -222,6 +224,15 @@ def made_up_plan(scenario: Scenario, trajectory: Trajectory | None, **changes: A
 def rows_of(html: str) -> list[list[str]]:
     """The cells of all tables, row by row."""
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", html)]
+
+
+def test_map_marks_where_it_is_blocked(yard: Yard) -> None:
+    blocked = NoPath("the passage near {place} is narrow", True, (FAR[0] + 3.0, FAR[1] + 4.0), 1.25)
+    ax = draw_map(Figure().add_subplot(), yard().translated(*FAR), no_path=blocked)
+    (cross,) = (line for line in ax.lines if line.get_label() == "blocked: 1.25 m wide")
+    start = next(line for line in ax.lines if line.get_marker() == "o")
+    offset = np.subtract(cross.get_xydata(), start.get_xydata())
+    np.testing.assert_allclose(offset, [[3.0, 4.0]], atol=FAR_SUM_ERROR)
 
 
 def test_card_of_a_plan_says_what_came_out_and_what_became_of_every_attempt(yard: Yard, left_turn: Turn) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.path import GearedPath
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 
 EQUAL_STEPS = 1e-6  # relative: time steps that differ by less are equally long
@@ -58,6 +59,7 @@ class NoGuess:
     source: str
     reason: str
     seconds: float = 0.0  # s, that were spent
+    no_path: NoPath | None = None  # where that is because there is no path
 
 
 class GuessSource(Protocol):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses.base import Guess, NoGuess
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, search
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search
 from drake_gnnocp.search.path import GearedPath, n_sections
 from drake_gnnocp.timing.speed_planner import FEWEST_INTERVALS, plan_speed
 from drake_gnnocp.trajectory import Trajectory
@@ -34,12 +34,18 @@ class HybridAStar:
         begin = time.monotonic()
         found = search(scenario, budget, self.options, self.first_stage)
         if found.path is None:
-            why = budget.ended_before("it found a path") if budget.ended else found.status
-            reason = f"Hybrid A*: {why} ({found.expansions} expansions)"
-            yield NoGuess(self.name, reason, time.monotonic() - begin)
+            why = budget.ended_before("it found a path") if budget.ended else _reason(found)
+            yield NoGuess(self.name, why, time.monotonic() - begin, found.no_path)
             return
         trajectory = timed(found.path, scenario.vehicle, self.knots)
         yield Guess(self.name, trajectory, time.monotonic() - begin, found.path)
+
+
+def _reason(found: SearchResult) -> str:
+    if found.no_path is not None:
+        return found.no_path.text
+    how = "ran out of time" if found.status == "out of time" else "found no path and gave up"
+    return f"the search {how} after {found.expansions} expansions"
 
 
 def timed(path: GearedPath, vehicle: Vehicle, knots: int) -> Trajectory:

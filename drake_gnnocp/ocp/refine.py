@@ -13,6 +13,7 @@ where it is verified, has more clearance where it was short of it, and costs lit
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,8 @@ from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, verify
 from drake_gnnocp.verification.clearance import TIGHT
+
+logger = logging.getLogger(__name__)
 
 MOST_ANSWERS = 8  # refinements after the first solve
 # Ipopt's, of all solves, after which no other one follows: a verified plan of a hard task took 615. Where SQP steps
@@ -148,6 +151,8 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     solution = ipopt.solve(nlp.program, nlp.first_iterate, nlp.hessian, budget.left, settings)
     budget.ended = budget.ended or solution.status == ipopt.OUT_OF_TIME
     trajectory = nlp.trajectory(solution.program_values)
+    violated = ", ".join(solution.violated[:3]) or "nothing"
+    logger.debug("Ipopt: %s after %d iterations, violated: %s", solution.status, solution.iterations, violated)
     return Solve(
         build_seconds=build_seconds,
         solve_seconds=solution.seconds,
@@ -246,7 +251,10 @@ def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulati
 def _reason(check: Verification, solves: list[Solve], budget: Budget) -> str:
     if check.verified:
         return ""
-    last = solves[-1]
-    late = ", out of time" if budget.ended else ""
-    violated = f", violated: {', '.join(last.violated[:3])}" if last.violated else ""
-    return f"{'; '.join(check.faults)} after {len(solves)} solves (Ipopt: {last.status}{late}{violated})"
+    late = " when time ran out" if budget.ended else ""
+    return f"the optimised plan {', '.join(check.faults)} after {counted(len(solves), 'solve')}{late}"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things: "1 solve", "2 solves"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -18,6 +18,7 @@ from matplotlib.path import Path
 from drake_gnnocp.pictures import style
 from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_polygons, relative_poses
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
 from drake_gnnocp.verification import Finding
@@ -37,6 +38,7 @@ def draw_map(
     guess: Trajectory | None = None,
     title: str | None = None,
     fault: Finding | None = None,
+    no_path: NoPath | None = None,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -49,6 +51,7 @@ def draw_map(
         guess: what the solver started from.
         title: written above the map.
         fault: of the plan, marked where it is; the plan is then not called optimised.
+        no_path: why there is no path: where it is blocked is marked.
 
     Returns:
         ax
@@ -70,6 +73,10 @@ def draw_map(
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
     if fault is not None:
         _draw_fault(ax, fault, origin)
+    if no_path is not None and no_path.place is not None:
+        x, y = np.array(no_path.place) - origin
+        label = "blocked" if no_path.width is None else f"blocked: {no_path.width:.2f} m wide"
+        ax.plot(x, y, "x", color=style.FAULT, markersize=12, markeredgewidth=2.5, label=label, zorder=7)
     _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
     if title:
         ax.set_title(title, fontsize=style.TITLE_SIZE)
@@ -83,13 +90,14 @@ def plan_figure(
     guess: Trajectory | None = None,
     title: str | None = None,
     fault: Finding | None = None,
+    no_path: NoPath | None = None,
 ) -> Figure:
     """The map of a plan as a figure of its own, for a notebook or a file."""
     low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
     width, height = high - low
     scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
     figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault)
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path)
     return figure
 
 
@@ -100,9 +108,10 @@ def save_plan_picture(
     guess: Trajectory | None,
     title: str | None,
     fault: Finding | None = None,
+    no_path: NoPath | None = None,
 ) -> None:
     """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault), path)
+    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault, no_path), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ def plan_html(plan: Plan) -> str:
     Where nothing was solved, the map shows the guess, and the rows of what is not known are left out.
     """
     picture = BytesIO()
-    figure = plan_figure(plan.scenario, plan.trajectory, plan.guess, fault=plan.first_fault)
+    figure = plan_figure(plan.scenario, plan.trajectory, plan.guess, fault=plan.first_fault, no_path=plan.no_path)
     style.write_figure(figure, picture, "png")
     source = b64encode(style.small_picture(picture, WIDTH)).decode()
     attempts = [("attempt", "iterations", "outcome"), *(_outcome(attempt) for attempt in plan.attempts)]

@@ -6,20 +6,26 @@ import time
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Guess, NoGuess
 from drake_gnnocp.ocp.costs import Cost, evaluate_cost
 from drake_gnnocp.ocp.formulation import formulate
-from drake_gnnocp.ocp.refine import Refined, Solve, refine
+from drake_gnnocp.ocp.refine import Refined, Solve, counted, refine
 from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
 from drake_gnnocp.planner import many_shifts, minimum_time
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import PlanOptions
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.path import n_sections
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.timing.minimum_effort import with_duration, with_minimum_effort
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.verification import Verification
+from drake_gnnocp.vehicle import Input, State
+from drake_gnnocp.verification import Verification, verify
 
+AT_REST = "at_rest"  # the source of the guess where there is nothing to drive
 SAME_LENGTH = 1e-9  # relative: a path no longer than this over what can be driven can be driven
 
 
@@ -36,6 +42,7 @@ class Attempt:
     best: int | None = None  # index into solves of what the attempt led to; None where nothing was solved
     cost: Cost | None = None  # None where nothing was solved
     reason: str = ""  # why it was given up; empty when verified
+    no_path: NoPath | None = None  # where that is because there is no path
 
     @property
     def trajectory(self) -> Trajectory | None:
@@ -107,7 +114,10 @@ class Attempt:
     def translated(self, dx: float, dy: float) -> Attempt:
         """The attempt at the task moved by (dx, dy) [m]."""
         solves = tuple(solve.translated(dx, dy) for solve in self.solves)
-        return replace(self, start=self.start and self.start.translated(dx, dy), solves=solves)
+        no_path = self.no_path and self.no_path.translated(dx, dy)
+        reason = self.reason if no_path is None else no_path.text
+        start = self.start and self.start.translated(dx, dy)
+        return replace(self, start=start, solves=solves, no_path=no_path, reason=reason)
 
 
 def attempt(
@@ -131,7 +141,7 @@ def attempt(
         closely: whether to plan as `many_shifts` does; None: where the guess has many.
     """
     if isinstance(guess, NoGuess):
-        return Attempt(guess.source, guess.seconds, None, reason=guess.reason)
+        return Attempt(guess.source, guess.seconds, None, reason=guess.reason, no_path=guess.no_path)
     begin = time.monotonic() - guess.seconds
     slack = 1.0 if guess.is_timed else options.slack
     duration = horizon.seconds if isinstance(horizon, Fixed) else slack * guess.trajectory.duration
@@ -154,7 +164,7 @@ def attempt(
     refined = refine(scenario, formulation, budget, steps)
     if minimise:
         refined = minimum_time.quicker(scenario, refined, options.cost, options.margin, budget)
-    made = Attempt(guess.source, seconds, start, reason=refined.reason)
+    made = Attempt(guess.source, seconds, start, reason=_found(guess) + refined.reason if refined.reason else "")
     if steps is not None and refined.solves:
         made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
     return _with_solves(scenario, made, refined, options)
@@ -165,6 +175,25 @@ def polished(scenario: Scenario, verified: Attempt, budget: Budget, options: Pla
     refined = Refined(verified.solves, verified.best, "")
     refined = minimum_time.polished(scenario, refined, options.cost, options.margin, budget)
     return _with_solves(scenario, verified, refined, options)
+
+
+def at_rest(scenario: Scenario, seconds: float, options: PlanOptions) -> Attempt:
+    """The plan of a car that is at its goal already: it stands for some time [s]."""
+    t = np.linspace(0.0, seconds, options.knots)
+    states = np.zeros((len(t), len(State)))
+    states[:, : State.V] = scenario.start
+    standing = Trajectory(t, states, np.zeros((len(t), len(Input))))
+    solve = Solve(0.0, 0.0, 0, True, "", (), 0, 0, standing, verify(scenario, standing))
+    made = Attempt(AT_REST, 0.0, standing)
+    return _with_solves(scenario, made, Refined((solve,), 0, ""), options)
+
+
+def _found(guess: Guess) -> str:
+    """What a search found, as the beginning of a reason."""
+    if guess.path is None:
+        return ""
+    changes = n_sections(guess.path) - 1
+    return f"the search found a path with {counted(changes, 'change')} of gear; "
 
 
 def _with_solves(scenario: Scenario, made: Attempt, refined: Refined, options: PlanOptions) -> Attempt:

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
+
+import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Given, GuessSource
 from drake_gnnocp.guesses.base import check_numbers
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.planner import minimum_time
-from drake_gnnocp.planner.attempt import Attempt, polished
-from drake_gnnocp.planner.horizon import Horizon, MinimumTime, horizon_of
+from drake_gnnocp.planner.attempt import Attempt, at_rest, polished
+from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime, horizon_of
 from drake_gnnocp.planner.options import PlanOptions, source_named
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.planner.schedule import Schedule
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath, no_passage, no_path
 from drake_gnnocp.trajectory import Trajectory
+
+SAME_POSE = 1e-3  # m and rad: start and goal that differ by less are the same
+STANDING = 0.1  # s, a plan of no way
 
 
 def plan(
@@ -57,16 +66,24 @@ def plan(
         scenario = replace(scenario, clearance=clearance)
     with budget.standing_still():
         source = _source(scenario, guess, options)
+    if _is_same(scenario):
+        seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
+        return Plan(scenario, (at_rest(scenario, seconds, options),), 0, budget.spent)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
     schedule = Schedule(scenario.translated(-x0, -y0), horizon, budget, options)
-    if source is None:
+    refused = _refused(schedule, no_passage)
+    if refused:
+        schedule.attempts += refused
+    elif source is None:
         schedule.automatic()
     else:
         schedule.try_source(source)
     attempts = schedule.attempts
     if isinstance(horizon, MinimumTime):
         attempts = _all_polished(schedule)
-    if all(made.start is None for made in attempts):  # nothing was found: the least there is to show
+    if not any(made.verified or made.no_path for made in attempts):
+        attempts += _refused(schedule, no_path)
+    if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
         line = straight_line(schedule.scenario, options.knots)
         attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
     reported = _reported(attempts, horizon)
@@ -85,6 +102,22 @@ def budget_of(value: float | Budget) -> Budget:
     if not isinstance(value, Real) or isinstance(value, bool) or not value > 0:
         raise ValueError(f"max_seconds: must be positive, not {value!r}")
     return Budget.of(float(value))
+
+
+def _is_same(scenario: Scenario) -> bool:
+    """Whether the car is at its goal already."""
+    change = scenario.goal - scenario.start
+    change[2] = math.remainder(change[2], 2 * math.pi)
+    return bool(np.abs(change).max() <= SAME_POSE)
+
+
+def _refused(schedule: Schedule, prove: Callable[[Scenario], NoPath | None]) -> list[Attempt]:
+    """An attempt that says why there is no path, if that can be proven."""
+    begin = time.monotonic()
+    proof = None if schedule.budget.is_over else prove(schedule.scenario)
+    if proof is None:
+        return []
+    return [Attempt("reachability", time.monotonic() - begin, None, reason=proof.text, no_path=proof)]
 
 
 def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: PlanOptions) -> GuessSource | None:
@@ -116,11 +149,17 @@ def _duration(made: Attempt) -> float:
 
 
 def _reported(attempts: list[Attempt], horizon: Horizon) -> int:
-    """Index of the best of what was solved (the quickest, where time is minimised), else the last that has a guess."""
+    """Index of the best of what was solved (the quickest, where time is minimised), else the last that has a guess.
+
+    Where none is verified and there is no path, it is the attempt that says so.
+    """
     solved = [i for i, made in enumerate(attempts) if made.best is not None]
     verified = [i for i in solved if attempts[i].verified]
     if verified and isinstance(horizon, MinimumTime):
         return min(verified, key=lambda i: _duration(attempts[i]))
+    without_path = [i for i, made in enumerate(attempts) if made.no_path is not None]
+    if without_path and not verified:
+        return without_path[-1]
     if solved:
         return min(solved, key=lambda i: attempts[i].solves[attempts[i].best or 0].merit)
     return max(i for i, made in enumerate(attempts) if made.start is not None)

@@ -9,8 +9,10 @@ from typing import Any
 
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.ocp.costs import Cost
-from drake_gnnocp.planner.attempt import Attempt
+from drake_gnnocp.ocp.refine import counted
+from drake_gnnocp.planner.attempt import AT_REST, Attempt
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import Finding, Verification
 
@@ -32,7 +34,12 @@ class Plan:
 
     @property
     def status(self) -> str:
-        """What came out: "verified", "unverified" (the check found faults) or "failed" (nothing was solved)."""
+        """What came out.
+
+        "verified", "unverified" (the check found faults), "no_path" (see `no_path`) or "failed" (nothing was solved).
+        """
+        if self.no_path is not None:
+            return "no_path"
         if self.attempt.trajectory is None:
             return "failed"
         return "verified" if self.attempt.verified else "unverified"
@@ -73,11 +80,26 @@ class Plan:
         return self.attempt.cost
 
     @property
+    def no_path(self) -> NoPath | None:
+        """Why there is no path, where that is proven or the search has exhausted its states; else None."""
+        return self.attempt.no_path
+
+    @property
+    def reason(self) -> str:
+        """Why the plan that is reported is not verified; empty where it is."""
+        return self.attempt.reason
+
+    @property
     def summary(self) -> str:
         """What came out in one line, and one more for every attempt that was given up."""
+        if self.no_path is not None:
+            proven = "proven" if self.no_path.proven else "not proven"
+            return f"{self.scenario.name}: no path ({proven}) in {self.total_seconds:.2f} s: {self.no_path.text}"
+        if self.guess_source == AT_REST:
+            return f"{self.scenario.name}: {self.status}: start and goal are the same: nothing to drive"
         iterations = sum(attempt.iterations for attempt in self.attempts)
         line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
-        line += f", {iterations} iterations, {len(self.attempts)} attempts)"
+        line += f", {counted(iterations, 'iteration')}, {counted(len(self.attempts), 'attempt')})"
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
             clearance = self.verification.clearance_text
             line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, {clearance}"
@@ -105,6 +127,7 @@ class Plan:
             "budget_ended": self.budget_ended,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
             "cost": None if self.cost is None else self.cost.to_dict(),
+            "no_path": None if self.no_path is None else self.no_path.to_dict(),
             "attempts": [attempt.to_dict() for attempt in self.attempts],
             "verification": None if self.verification is None else self.verification.to_dict(),
         }
@@ -113,6 +136,7 @@ class Plan:
         """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing.
 
         Where nothing was solved, trajectory.csv is the guess: the best there is, and marked "failed" in result.json.
+        Where there is no path, there is neither of them.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridAStar, NoGuess, Straight
+from drake_gnnocp.guesses.hybrid_astar import timed
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.sqp import LEARNED, SqpSteps, sqp_steps
 from drake_gnnocp.planner import many_shifts
@@ -21,14 +22,14 @@ from drake_gnnocp.planner.attempt import Attempt, attempt
 from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import SOURCES, PlanOptions
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
+from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, direct
 from drake_gnnocp.search.moves import Costs
 
 logger = logging.getLogger(__name__)
 
 MOST_SQP_STEPS = 100  # to choose a hypothesis where Hybrid A* comes next: at most 95 led to one in 190 tasks
 NO_GUESSES = "the source made no guess"
-NONE_CONVERGED = "SQP steps converged from no hypothesis"
+NONE_CONVERGED = "the optimiser got near a plan from none of the guesses"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
 QUICK = Costs(reverse=0.0, steering=0.0, gear_change=5.0, steering_change=0.2)
@@ -45,7 +46,11 @@ class Schedule:
     attempts: list[Attempt] = field(default_factory=list)
 
     def automatic(self) -> None:
-        """The network's best hypothesis, then Hybrid A*."""
+        """A move shorter than the car where there is one, the network's best hypothesis, then Hybrid A*."""
+        if (path := direct(self.scenario, self.options.search)) is not None:
+            self._try(Guess("reeds_shepp", timed(path, self.scenario.vehicle, self.options.knots), path=path))
+            if not self._may_go_on:
+                return
         network = SOURCES["gnn"](self.options)
         try:
             network.check_available()
@@ -96,7 +101,8 @@ class Schedule:
         """A searched path, and where time is minimised other ones; where that fails, the path in other ways."""
         if isinstance(guess, NoGuess) or guess.path is None:
             self._try(guess)
-            if isinstance(guess, NoGuess) and isinstance(source, HybridAStar) and self._may_go_on:
+            gave_up = isinstance(guess, NoGuess) and guess.no_path is None
+            if gave_up and isinstance(source, HybridAStar) and self._may_go_on:
                 straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
                 self._try(self._first(straight))
             return

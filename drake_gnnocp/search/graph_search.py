@@ -126,6 +126,11 @@ class GraphSearch:
         self._last_expansion = math.inf  # where polishing ends
         self._offer((x, y, theta), 0.0, -1, -1, 0.0, self._key(query.root[None])[0], 0.0)
 
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether every state that can be reached from the root at this resolution was expanded, without a path."""
+        return not self._queue and self.best is None
+
     def run(self, expansions: int, budget: Budget) -> Outcome:
         """Search on for a number of expansions, or until the budget is over."""
         pause = self.expansions + expansions

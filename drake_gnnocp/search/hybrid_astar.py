@@ -8,6 +8,11 @@ see `shortcut`.
 
 Every stage searches first the surroundings of start and goal, then the whole map, where that is more; see `regions`.
 A region in which the holonomic heuristic proves that there is no way is left out.
+
+Where the first stage finds nothing, `reachability` tries to prove that there is no path. Later on the search gives up
+where the states that can be reached from the start, or from which the goal can be, are exhausted at the finest
+resolution. That is tried early, for few expansions, from an end whose states a coarser stage exhausted: from a slot in
+which the car can hardly move there are few. Where there are more, the place is `CONFINED`.
 """
 
 from __future__ import annotations
@@ -22,13 +27,16 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.collision import Box, FootprintTest, Margins
+from drake_gnnocp.search.collision import Box, FootprintTest, Margins, clearance
+from drake_gnnocp.search.connection import connect
 from drake_gnnocp.search.distance_field import DistanceField
-from drake_gnnocp.search.graph_search import GraphSearch, Outcome, Query, Resolution
+from drake_gnnocp.search.graph_search import CANDIDATES, GraphSearch, Outcome, Query, Resolution
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs, Move, backwards, merged, poses_along
 from drake_gnnocp.search.path import GearedPath
+from drake_gnnocp.search.reachability import NoPath, no_path
+from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
 from drake_gnnocp.vehicle import Vehicle
@@ -61,6 +69,12 @@ SCHEDULE = (
     Stage(position=0.7, heading=1 / 9, length=0.4, margin=0.08, tight=0.3, lattice=True, expansions=15000),
     Stage(position=0.5, heading=1 / 15, length=0.3, margin=0.04, tight=0.2, lattice=True, expansions=30000),
 )
+# after a stage that exhausted the states of an end, where they are not few: long moves are worth more than fine cells
+CONFINED = Stage(position=1.0, heading=1 / 6, length=1.0, margin=0.04, tight=0.3, lattice=True, expansions=3000)
+FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
+LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
+MOST_COST = 2.0  # of a direct path over the length of the car
+SHORTEST_CAR = 2.0  # m, likewise
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,7 @@ class SearchResult:
     path: GearedPath | None  # from the start to the goal exactly, poses at most 0.2 m apart
     status: str  # "found", "no path" or "out of time"
     expansions: int  # nodes expanded in all stages
+    no_path: NoPath | None = None  # why there is none, where that is proven or the search space is exhausted
 
 
 DEFAULT_OPTIONS = HybridAStarOptions()
@@ -106,20 +121,80 @@ def search(
         return SearchResult(None, "out of time", 0)
     regions = zip(search_regions(scenario), MOST_CELLS, strict=False)
     arenas = [_Arena(scenario, region, cells, options, budget) for region, cells in regions]
-    expansions = 0
-    for stage in SCHEDULE[first_stage:] if not arenas[0].encloses_an_end else ():
+    if arenas[0].encloses_an_end:
+        arenas = []
+    stages, expansions = list(SCHEDULE[first_stage:]), 0
+    for number, stage in enumerate(stages):
+        run = None
         for arena in arenas:
             if arena.has_no_way:
                 continue
-            outcome, moves, test, done = arena.run(stage)
-            expansions += done
-            if moves is not None:
-                moves = shortened(scenario, moves, test, options.costs, budget)
-                return SearchResult(_geared_path(scenario, moves, test.spacing), "found", expansions)
-            if outcome is Outcome.OUT_OF_TIME:
+            run = arena.run(stage)
+            expansions += run.expansions
+            if run.moves is not None:
+                moves = shortened(scenario, run.moves, run.test, options.costs, budget)
+                return SearchResult(_geared_path(scenario, moves, run.test.spacing), "found", expansions)
+            if run.outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
+        if number == 0 and not budget.is_over and (proof := no_path(scenario)) is not None:
+            return SearchResult(None, "no path", expansions, proof)
+        if run is None or not any(run.exhausted):
+            continue
+        if states := _all_states(stage, run, None if CONFINED in stages else arenas[-1]):
+            return SearchResult(None, "no path", expansions, _exhausted(states, options))
+        if CONFINED not in stages:
+            stages.insert(number + 1, CONFINED)
     # heuristics that were cut short are infinite where they did not get to, which proves nothing
     return SearchResult(None, "out of time" if budget.ended else "no path", expansions)
+
+
+def direct(scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS) -> GearedPath | None:
+    """A free path without a search, where start and goal are so near that it is no longer than the car; else None.
+
+    Args:
+        scenario: the task, near the origin.
+        options: costs and margin.
+    """
+    radius, longest = scenario.vehicle.turning_radius, scenario.vehicle.length
+    if path_length(tuple(scenario.start), scenario.goal, radius) > longest:
+        return None
+    arena = _Arena(scenario, search_regions(scenario)[0], MOST_CELLS[0], options, Budget.unlimited())
+    test, cost_of = arena.test(SCHEDULE[0]), partial(options.costs.of, sharpest=1.0 / radius)
+    limit = MOST_COST * longest
+    found = connect(scenario.start, scenario.goal, radius, test, cost_of, limit, CANDIDATES)
+    return None if found is None else _geared_path(scenario, found[1], test.spacing)
+
+
+def _all_states(stage: Stage, run: _Run, arena: _Arena | None) -> int:
+    """How many states there are at the finest resolution from start or goal; 0 where that is not known.
+
+    Args:
+        stage: the last one.
+        run: its, which exhausted the states of an end.
+        arena: of the whole map, to look for few states in; None where that was done.
+    """
+    if arena is not None:
+        return arena.few_states(run.exhausted)
+    states = max(run.exhausted)
+    return states if stage is SCHEDULE[-1] and states > FEW_STATES else 0
+
+
+def _exhausted(states: int, options: HybridAStarOptions) -> NoPath:
+    cell, angle = (getattr(_resolution(options, SCHEDULE[-1]), name) for name in ("position", "heading"))
+    resolution = f"cells of {cell:.2g} m and {math.degrees(angle):.2g} degrees or finer"
+    why = f"the search exhausted all {states} states at its finest resolution ({resolution}), which is not a proof"
+    return NoPath(why, proven=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What both searches of one stage came to."""
+
+    outcome: Outcome
+    moves: list[Move] | None  # of the path, None without one
+    test: FootprintTest
+    expansions: int
+    exhausted: tuple[int, ...]  # states from the start, and from the goal, where that search exhausted them, else 0
 
 
 class _Arena:
@@ -163,20 +238,39 @@ class _Arena:
         """Whether start or goal is walled in on all sides: then no larger region has a way either."""
         return self.has_no_way and not all(query.holonomic.reaches_the_rim for query in self._queries)
 
-    def run(self, stage: Stage) -> tuple[Outcome, list[Move] | None, FootprintTest, int]:
-        """Search at one stage: how it ended, the moves if there are any, their collision test, nodes expanded."""
-        scenario, options = self._scenario, self._options
+    def run(self, stage: Stage) -> _Run:
+        """Search at one stage."""
         queries = self._queries_with_lattice if stage.lattice else self._queries
-        test = FootprintTest(
-            scenario,
-            self._field,
-            self._region,
-            Margins.of(scenario, max(stage.margin * options.margin, scenario.clearance)),
-        )
-        common = (test, self._region, scenario.vehicle.turning_radius, options.costs, _resolution(options, stage))
-        searches = [GraphSearch(query, *common) for query in queries]
+        test, resolution = self.test(stage), _resolution(self._options, stage)
+        searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
         outcome = _take_turns(searches, stage.expansions, self._budget)
-        return outcome, _best(searches), test, sum(one.expansions for one in searches)
+        exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
+        return _Run(outcome, _best(searches), test, sum(one.expansions for one in searches), exhausted)
+
+    def few_states(self, exhausted: tuple[int, ...]) -> int:
+        """How many states there are at the finest resolution from an end whose states a stage exhausted.
+
+        0 where they are not few, or where the finest resolution is not fine enough to tell.
+        """
+        if self._scenario.vehicle.length < SHORTEST_CAR:
+            return 0
+        finest = _resolution(self._options, SCHEDULE[-1])
+        for query, at_stage in zip(self._queries, exhausted, strict=True):
+            if at_stage and clearance(self._scenario, query.root) > LEAST_CLEARANCE:
+                one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest)
+                if one.run(FEW_STATES, self._budget) is Outcome.FINISHED and one.is_exhausted:
+                    return one.expansions
+        return 0
+
+    def test(self, stage: Stage) -> FootprintTest:
+        """The collision test of a stage."""
+        margin = max(stage.margin * self._options.margin, self._scenario.clearance)
+        return FootprintTest(self._scenario, self._field, self._region, Margins.of(self._scenario, margin))
+
+    @property
+    def _common(self) -> tuple[Box, float, Costs]:
+        """What all searches of the arena are given."""
+        return self._region, self._scenario.vehicle.turning_radius, self._options.costs
 
 
 def _distance_field(
