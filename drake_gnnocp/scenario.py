@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import logging
+import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import PACKAGE, write_atomically
 from drake_gnnocp.polygons import convex_parts, moved, polygons_of
 from drake_gnnocp.scenario_files import (
     BOUNDS,
@@ -30,6 +31,10 @@ from drake_gnnocp.vehicle import Vehicle
 __all__ = ["Scenario", "ScenarioError", "bundled_scenarios"]
 
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
+
+LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,9 @@ class Scenario:
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         for which, pose in (("start", self.start), ("goal", self.goal)):
             self._check_pose(which, pose)
+        for which, pose in (("start", self.start), ("goal", self.goal)):
+            if abs(pose[2]) > LARGEST_HEADING:
+                logger.warning("%s: headings are in radians, and %g is many turns: are these degrees?", which, pose[2])
 
     def _convert(self) -> None:
         vertices, poses = "a list of vertices [x, y]", f"3 finite numbers [{POSE}]"
@@ -184,7 +192,7 @@ def bundled_scenarios() -> list[str]:
 
 
 def _bundled_folder() -> Path:
-    return Path(str(resources.files("drake_gnnocp") / "scenarios"))
+    return PACKAGE / "scenarios"
 
 
 def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:

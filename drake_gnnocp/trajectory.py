@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import read_text, write_atomically
 from drake_gnnocp.vehicle import Input, State
 
 COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
@@ -82,9 +82,13 @@ class Trajectory:
         """Read what `save_csv` wrote.
 
         Raises:
-            ValueError: the header or a row is not that of a trajectory; the message names the file and the line.
+            ValueError: the file cannot be read, or its header or a row is not that of a trajectory; the message names
+                the file and the line.
         """
-        lines = Path(path).read_text(encoding="utf-8").splitlines() or [""]
+        try:
+            lines = read_text(Path(path)).splitlines()
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         if lines[0].strip() != ",".join(COLUMNS):
             raise ValueError(f"{path}: header: must be {','.join(COLUMNS)}, not {lines[0]:.80}")
         rows = np.array([_row(f"{path}: line {i}", line) for i, line in enumerate(lines[1:], start=2)])

@@ -215,3 +215,14 @@ def test_the_competitions_cases_are_read(case: str) -> None:
     assert (len(scenario.obstacles), sum(len(ring) for ring in scenario.obstacles)) == TPCAP_CASES[case]
     parts = shapely.union_all([shapely.Polygon(ring) for ring in scenario.convex_obstacles])
     assert parts.symmetric_difference(shapely.union_all(scenario.polygons)).area < EXACT
+
+
+def test_what_has_loaded_is_not_refused_where_it_is_moved_to() -> None:
+    slit = np.array([[0, 0], [4, 0], [4, 4], [2 + 4e-9, 4], [2 + 2e-9, 1], [2, 4], [0, 4]])  # 4 nm wide
+    start, goal = np.array([-99.0, -100.0, 0.0]), np.array([-80.0, -100.0, 0.0])
+    scenario = Scenario("thin", start, goal, (slit,), bounds=(-99.929, 20.0, -103.0, 10.0))  # touches the bounds
+    for offset in (1e3, 1e9, 1e11):
+        moved = scenario.translated(offset, -offset)
+        assert len(moved.polygons) == len(scenario.polygons)
+        assert len(moved.convex_obstacles) == len(scenario.convex_obstacles)
+        assert np.isfinite(moved.end_clearances).all() and np.isfinite(moved.centroids).all()

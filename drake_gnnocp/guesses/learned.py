@@ -9,13 +9,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.files import PACKAGE
 from drake_gnnocp.guesses.base import Guess, GuessUnavailable, NoGuess
 from drake_gnnocp.scenario import Scenario
 
@@ -78,4 +78,4 @@ def _load_network(path: Path, _changed: int) -> Network:
 
 def bundled_weights(config: str = "default") -> Path:
     """The file of the weights that come with the package, of one of the networks' configurations."""
-    return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
+    return PACKAGE / "weights" / f"{config}.pt"

@@ -6,7 +6,6 @@ The scene's frame is the scenario's, moved so that the middle of the map is at z
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ import shapely
 from pydrake.geometry import Box, Meshcat, MeshcatAnimation, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
 
+from drake_gnnocp.drake_log import drake_lines
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
@@ -104,13 +104,8 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
 @contextmanager
 def _meshcat() -> Iterator[Meshcat]:
     """A Meshcat of our own, closed with its last reference; it is a server, though nobody connects to it."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)  # it announces its address
-    try:
+    with drake_lines():  # it announces its address
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))  # 0: any free port
-    finally:
-        log.setLevel(level)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.96, 1.0])

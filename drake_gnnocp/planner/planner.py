@@ -6,6 +6,7 @@ import time
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
+from threading import RLock
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Given, GuessSource
@@ -19,6 +20,17 @@ from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.planner.schedule import Schedule
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
+
+# Drake's conversions of arguments are not thread-safe: a thread that finds another one inside of them gets a TypeError
+ONE_AT_A_TIME = RLock()  # reentrant: a source of guesses may plan itself
+
+
+class PlanInterrupted(KeyboardInterrupt):
+    """Ctrl-C while planning."""
+
+    def __init__(self, plan: Plan | None) -> None:
+        super().__init__()
+        self.plan = plan  # the best of the attempts that had ended; None where nothing was solved
 
 
 def plan(
@@ -37,12 +49,14 @@ def plan(
         horizon: t_final [s], or "guess" to take it from the guess, or "free" to minimise it with a weight on time along
             several paths; or the same as `FromGuess`, `Fixed` or `MinimumTime`.
         max_seconds: wall-clock budget [s]; when it ends, the best attempt so far is returned. Loading the network,
-            at a process's first plan with it, is not part of it.
+            at a process's first plan with it, is not part of it, nor is waiting for the plans of other threads: they
+            are made one after the other.
         options: see `PlanOptions`.
 
     Raises:
         ValueError: scenario, guess, horizon or max_seconds is not one of the above, before anything is planned; or a
             source of your own makes a guess that is not one (see `Guess`).
+        PlanInterrupted: Ctrl-C was pressed; it has the best plan so far.
     """
     options, horizon = options or PlanOptions(), horizon_of(horizon)
     if not isinstance(options, PlanOptions):
@@ -54,21 +68,34 @@ def plan(
     source = _source(scenario, guess, options)
     if not isinstance(max_seconds, Real) or not max_seconds > 0:
         raise ValueError(f"max_seconds: must be positive, not {max_seconds!r}")
-    begin = time.monotonic()
-    x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    schedule = Schedule(scenario.translated(-x0, -y0), horizon, Budget.of(max_seconds), options)
+    with ONE_AT_A_TIME:
+        begin = time.monotonic()
+        x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
+        schedule = Schedule(scenario.translated(-x0, -y0), horizon, Budget.of(max_seconds), options)
+        try:
+            attempts = _attempts(schedule, source)
+        except KeyboardInterrupt:
+            solved = [made for made in schedule.attempts if made.best is not None]
+            raise PlanInterrupted(_plan(scenario, schedule, solved, begin) if solved else None) from None
+        return _plan(scenario, schedule, attempts, begin)
+
+
+def _attempts(schedule: Schedule, source: GuessSource | None) -> list[Attempt]:
+    """All that is tried with one source, or in the usual order."""
     if source is None:
         schedule.automatic()
     else:
         schedule.try_source(source)
-    attempts = schedule.attempts
-    if isinstance(horizon, MinimumTime):
-        attempts = _all_polished(schedule)
+    return _all_polished(schedule) if isinstance(schedule.horizon, MinimumTime) else schedule.attempts
+
+
+def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt], begin: float) -> Plan:
+    """The plan that attempts near the origin led to, where the scenario is."""
     if all(made.start is None for made in attempts):  # nothing was found: the least there is to show
-        line = straight_line(schedule.scenario, options.knots)
+        line = straight_line(schedule.scenario, schedule.options.knots)
         attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
-    reported = _reported(attempts, horizon)
-    moved = tuple(made.translated(x0, y0) for made in attempts)
+    reported = _reported(attempts, schedule.horizon)
+    moved = tuple(made.translated(*scenario.start[:2]) for made in attempts)
     return Plan(scenario, moved, reported, time.monotonic() - begin)
 
 

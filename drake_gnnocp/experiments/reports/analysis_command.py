@@ -10,10 +10,11 @@ from pathlib import Path
 import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, positive, reported
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import GNN, check_methods, why_unavailable
 from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engine, planning_jobs
 from drake_gnnocp.experiments.benchmark.tasks import drawn_tasks
-from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of, say_what_is_left_out
+from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of
 from drake_gnnocp.experiments.reports.curves import curve_rows, summary
 from drake_gnnocp.experiments.reports.curves_picture import analysis_figure
 from drake_gnnocp.experiments.reports.parameters import Parameter, parameters
@@ -48,7 +49,7 @@ def _parser() -> OneLineParser:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the curves; returns the exit code."""
     given = _parser().parse_args(argv)
-    say_what_is_left_out()
+    log_to_stderr()
     settings = Settings(given.max_seconds, weights=given.weights)
     return reported(run(given.names, given.tasks, settings, given.training, given.out), given.out)
 

@@ -5,13 +5,13 @@ Every number of the summary is computed from the runs of the folder, failures co
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, count, positive, reported
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import (
     AUTO,
     GNN,
@@ -84,7 +84,7 @@ def _parser() -> OneLineParser:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the summary; returns the exit code."""
     given = _parser().parse_args(argv)
-    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
+    log_to_stderr()
     settings, methods = Settings(given.max_seconds, given.seed, given.weights), list(dict.fromkeys(given.methods))
     texts = run(given.scenarios, given.tasks, methods, given.repeat, given.jobs, settings, given.out)
     return reported(texts, given.out)
