@@ -70,7 +70,7 @@ def test_a_trajectory_may_be_given_as_lists_of_whole_numbers() -> None:
 @pytest.mark.parametrize(
     ("guess", "message"),
     [
-        (with_nan(), "guess: y of knot 3: must be finite, not nan"),
+        (with_nan(), "guess: y of knot 3: must be finite and at most 1e[+]12, not nan"),
         (replace(LINE, t=-LINE.t), "guess: t of knot 1: must be larger than that of the knot before"),
         (replace(LINE, t=0 * LINE.t), "guess: t of knot 1: must be larger"),
         (42, "guess: must be a name, a source or a trajectory, not 42"),

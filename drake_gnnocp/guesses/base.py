@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.trajectory import COLUMNS, Trajectory
 
@@ -48,8 +49,9 @@ def check_numbers(trajectory: Trajectory) -> None:
         ValueError: a number is not finite, or the times do not increase; the message names the first such knot.
     """
     numbers = np.column_stack([trajectory.t, trajectory.states, trajectory.inputs])
-    for knot, column in np.argwhere(~np.isfinite(numbers)):
-        raise ValueError(f"guess: {COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}")
+    for knot, column in np.argwhere(~(np.abs(numbers) <= LARGEST)):  # NaN as well
+        where, value = f"guess: {COLUMNS[column]} of knot {knot}", numbers[knot, column]
+        raise ValueError(f"{where}: must be finite and at most {LARGEST:g}, not {value:g}")
     for knot in np.flatnonzero(np.diff(trajectory.t) <= 0):
         raise ValueError(f"guess: t of knot {knot + 1}: must be larger than that of the knot before")
 

@@ -46,7 +46,12 @@ class Learned:
 
         begin = time.monotonic()
         for rank, trajectory in enumerate(guesses(load_network(self.weights), scenario, self.knots), start=1):
-            yield Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+            try:
+                guess = Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+            except ValueError as error:  # finite weights may still predict numbers that are not
+                yield NoGuess(self.name, str(error), time.monotonic() - begin)
+                return
+            yield guess
             if rank == self.most:
                 return
             begin = time.monotonic()

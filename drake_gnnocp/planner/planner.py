@@ -77,6 +77,8 @@ def plan(
         except KeyboardInterrupt:
             solved = [made for made in schedule.attempts if made.best is not None]
             raise PlanInterrupted(_plan(scenario, schedule, solved, begin) if solved else None) from None
+        except SystemExit as stop:  # Drake's way to refuse numbers that are not finite
+            raise RuntimeError(f"Drake: {stop}") from stop
         return _plan(scenario, schedule, attempts, begin)
 
 

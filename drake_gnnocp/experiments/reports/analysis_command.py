@@ -19,7 +19,7 @@ from drake_gnnocp.experiments.reports.curves import curve_rows, summary
 from drake_gnnocp.experiments.reports.curves_picture import analysis_figure
 from drake_gnnocp.experiments.reports.parameters import Parameter, parameters
 from drake_gnnocp.experiments.reports.report import PACKAGES, Report, machine
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import locked, write_atomically
 from drake_gnnocp.pictures.style import save_figure
 
 NAMES = tuple(parameters(Path()))
@@ -63,11 +63,12 @@ def run(names: Sequence[str], n_tasks: int, settings: Settings, training: Path, 
     wanted = [every[name] for name in asked_for if name in every]
     if not wanted:
         raise ValueError(f"{', '.join(asked_for)}: nothing to vary: no network is there")
-    folder.mkdir(parents=True, exist_ok=True)
     methods = list({point.method.name: point.method for parameter in wanted for point in parameter.points}.values())
-    engine = planning_engine(folder, methods, settings)
-    engine.run(planning_jobs(drawn_tasks(n_tasks), methods, 1, settings))
-    yield write_curves(every, engine.file.table, folder)
+    with locked(folder):
+        engine = planning_engine(folder, methods, settings)
+        engine.run(planning_jobs(drawn_tasks(n_tasks), methods, 1, settings))
+        text = write_curves(every, engine.file.table, folder)
+    yield text
 
 
 def available(every: dict[str, Parameter], asked_for: Sequence[str]) -> dict[str, Parameter]:

@@ -25,7 +25,7 @@ from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engin
 from drake_gnnocp.experiments.benchmark.tasks import DATASET, NAMED, TEST_MAPS, drawn_tasks, named_tasks
 from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser
 from drake_gnnocp.experiments.reports import report
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import locked, write_atomically
 
 DEFAULTS = Settings()
 NOTES = """\
@@ -98,11 +98,11 @@ def run(
         raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
     methods, tasks = settings.methods(names), named_tasks(scenarios)
     check_methods(methods)
-    folder.mkdir(parents=True, exist_ok=True)
-    engine = planning_engine(folder, methods, settings)
-    engine.run(planning_jobs(tasks + drawn_tasks(n_drawn), methods, repeats, settings), jobs)
-    summary = summarise(engine.file.table)
-    write_atomically(folder / "summary.md", summary)
+    with locked(folder):
+        engine = planning_engine(folder, methods, settings)
+        engine.run(planning_jobs(tasks + drawn_tasks(n_drawn), methods, repeats, settings), jobs)
+        summary = summarise(engine.file.table)
+        write_atomically(folder / "summary.md", summary)
     yield summary
 
 

@@ -28,6 +28,7 @@ from drake_gnnocp.experiments.options import add_budget, add_out, measuring_pars
 from drake_gnnocp.experiments.reports import inference, raw_guesses
 from drake_gnnocp.experiments.reports.comparison import MAPS, map_report, unseen_report
 from drake_gnnocp.experiments.reports.report import PACKAGES, Report, machine
+from drake_gnnocp.files import locked
 
 PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR)
 OPTIONAL = (GNN_PAPER, RRT_STAR)  # left out where their weights or OMPL are missing
@@ -63,9 +64,10 @@ def _test_tasks(wanted: Wanted, folder: Path) -> Report:
 
 
 def _planned(tasks: list[Task], repeats: int, wanted: Wanted, folder: Path) -> pd.DataFrame:
-    engine = planning_engine(folder, wanted.methods, wanted.settings)
     jobs = planning_jobs(tasks, wanted.methods, repeats, wanted.settings)
-    engine.run(jobs)
+    with locked(folder):
+        engine = planning_engine(folder, wanted.methods, wanted.settings)
+        engine.run(jobs)
     return engine.file.table_of(job.key for task in jobs for job in task)
 
 
