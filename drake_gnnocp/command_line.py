@@ -1,6 +1,6 @@
 """The command line `python -m drake_gnnocp.plan [SCENARIO]`, and what it shares with those of the experiments.
 
-Bad input is one line on stderr and exit code 2.
+Bad input is one line on stderr and exit code 2; output that cannot be written is one line and 4.
 """
 
 from __future__ import annotations
@@ -8,23 +8,24 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import NoReturn
 
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.drake_log import log_to_stderr
+from drake_gnnocp.files import check_writable, replaced_together
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, horizon_of
 from drake_gnnocp.planner.options import GUESSES, PlanOptions, source_named
-from drake_gnnocp.planner.planner import plan
-from drake_gnnocp.planner.result import Plan
+from drake_gnnocp.planner.planner import PlanInterrupted, plan
+from drake_gnnocp.planner.result import FILES, Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
-DONE, BAD_INPUT, NOT_VERIFIED = 0, 2, 3  # exit codes
-PICTURES = ("plan.png", "states.png", "replay.html")
+DONE, BAD_INPUT, NOT_VERIFIED, NOT_WRITTEN, INTERRUPTED = 0, 2, 3, 4, 130  # exit codes
+OUTPUTS = (*FILES, "plan.png", "states.png", "replay.html")
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -83,14 +84,28 @@ def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueErro
     try:
         for text in texts:
             print(text)
-    except wrong as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or out}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
+    except (wrong, OSError) as error:
+        return failed(error, out)
     print(f"written to {out}")
     return DONE
+
+
+def failed(error: Exception, out: Path) -> int:
+    """Say in one line on stderr what is wrong with the input or with the folder `out`; returns the exit code."""
+    if not isinstance(error, OSError):
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    print(f"--out: {error.filename or out}: {error.strerror or error}", file=sys.stderr)
+    return BAD_INPUT if isinstance(error, FileExistsError | NotADirectoryError) else NOT_WRITTEN
+
+
+def run_command(main: Callable[[], int]) -> int:
+    """Run the `main` of a command, which Ctrl-C ends with one line on stderr; returns the exit code."""
+    try:
+        return main()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
 
 
 def command_of(module: str) -> int:
@@ -103,22 +118,22 @@ def command_of(module: str) -> int:
         The exit code.
     """
     try:
-        main = import_module(module).main
+        main: Callable[[], int] = import_module(module).main
     except ModuleNotFoundError as error:
         if error.name != "pandas":
             raise
         print("pandas is not installed: pip install -e .[experiments]", file=sys.stderr)
         return BAD_INPUT
-    exit_code: int = main()
-    return exit_code
+    return run_command(main)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
         prog="python -m drake_gnnocp.plan",
         description="Plan a trajectory for a car among polygons, verify it, and draw it.",
-        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is still "
-        "written, unless there is no path).",
+        epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is written, unless "
+        "there is no path), 4 the output could not be written, 130 interrupted (the best plan so far is written, where "
+        "there is one).",
     )
     parser.add_argument(
         "scenario",
@@ -168,14 +183,14 @@ def _horizon(text: str) -> Horizon:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
     arguments = _parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING)
+    log_to_stderr(logging.INFO if arguments.verbose else logging.WARNING, logging.BASIC_FORMAT)
     if arguments.verbose:
         logging.getLogger("drake_gnnocp").setLevel(logging.DEBUG)
-    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; attempts say so
     if arguments.list:
         for name in bundled_scenarios():
             print(name)
         return DONE
+    out = arguments.out or Path("artifacts") / "plans"
     try:
         if not arguments.max_seconds > 0:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
@@ -185,28 +200,30 @@ def main(argv: list[str] | None = None) -> int:
             scenario = replace(scenario, clearance=arguments.clearance)
         with budget.standing_still():
             source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
-        folder = arguments.out or Path("artifacts") / "plans" / scenario.name
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):  # raises before anything is computed that could then not be written
-            pass
+        out = arguments.out or out / scenario.name
+        check_writable(out, OUTPUTS)  # raises before anything is computed that could then not be written
     except (ValueError, OSError) as error:
-        print(_one_line(error), file=sys.stderr)
-        return BAD_INPUT
-    result = plan(scenario, arguments.guess, arguments.horizon, budget)
-    result.save(folder)
-    for name in PICTURES:
-        (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
-    if not arguments.no_pictures:
-        _save_pictures(result, folder)
+        return failed(error, out)
+    interrupted = False
+    try:
+        try:
+            result = plan(scenario, arguments.guess, arguments.horizon, budget)
+        except PlanInterrupted as interruption:
+            if interruption.plan is None:
+                raise
+            result, interrupted = interruption.plan, True
+        with replaced_together(out, OUTPUTS) as stage:
+            result.save(stage)
+            if not arguments.no_pictures and not interrupted:
+                _save_pictures(result, stage)
+    except OSError as error:
+        return failed(error, out)
     print(result.summary)
-    print(f"written to {folder}")
+    print(f"written to {out}")
+    if interrupted:
+        print("interrupted: this is the best plan so far", file=sys.stderr)
+        return INTERRUPTED
     return DONE if result.verified else NOT_VERIFIED
-
-
-def _one_line(error: Exception) -> str:
-    if isinstance(error, OSError):
-        return f"--out: {error.filename}: {error.strerror}"
-    return " ".join(str(error).split())
 
 
 def _save_pictures(result: Plan, folder: Path) -> None:

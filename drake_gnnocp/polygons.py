@@ -14,6 +14,10 @@ import shapely
 
 SAME_POINT = 1e-9  # m, neighbouring vertices nearer than this are one vertex
 SMALLEST_AREA = 1e-9  # m^2, polygons below have no inside to speak of
+PLAIN_DEPTH, PLAIN_ROUNDING = 1e-6, 1e-15  # m, and of the coordinates: deeper crossings are no matter of rounding
+CHUNK = 4  # edges that are looked at together: each may cross all the others
+NO_AREA, CROSSES = "has no area, or runs back along one of its own edges", "crosses itself"
+SPECK = 1e-8  # m, the longest outline of a piece that rounding may leave and that nobody misses
 AREA_TOLERANCE = 1e-9  # relative: a ring and its repaired polygon enclose the same area
 CONVEX_TOLERANCE = 1e-12  # of the squared perimeter: turns above -this count as convex
 
@@ -61,20 +65,59 @@ def _pieces(ring: np.ndarray) -> list[shapely.Polygon]:
     and the region of all that is wound around has S_-1 + S_1 + S_2: all three agree only without S_-1 and S_2, which
     every crossing brings about.
     """
+    _refuse_plain_faults(ring)  # repairing a ring of many crossings takes minutes
     origin = ring[0]  # relative to it, coordinates far from the origin keep their precision
     polygon = shapely.Polygon(ring - origin)
     even_odd = shapely.make_valid(polygon)
-    parts = shapely.get_parts(shapely.get_parts(even_odd))  # twice: a collection may hold a multipolygon
-    pieces = [part for part in parts if isinstance(part, shapely.Polygon)]
-    # rounding leaves lines of no length where a vertex touches an edge
-    spikes = sum(part.length for part in parts if not isinstance(part, shapely.Polygon))
+    # twice: a collection may hold a multipolygon
+    parts = shapely.get_parts(shapely.get_parts(even_odd))
+    pieces = [piece for part in parts if _has_inside(part) and _has_inside(piece := moved(part, origin))]
+    # rounding leaves lines of no length, and specks, where a vertex touches an edge
+    spikes = sum(part.length for part in parts if not _has_inside(part) and part.length > SPECK)
     if spikes > SAME_POINT or even_odd.area <= SMALLEST_AREA:
-        raise ValueError("has no area, or runs back along one of its own edges")
+        raise ValueError(NO_AREA)
     wound = shapely.make_valid(polygon, method="structure", keep_collapsed=False)
-    for area in (signed_area(ring), wound.area):
-        if abs(even_odd.area - area) > AREA_TOLERANCE * even_odd.area:
-            raise ValueError("crosses itself")
-    return [shapely.transform(piece, lambda points: points + origin) for piece in pieces]
+    same = all(abs(even_odd.area - area) <= AREA_TOLERANCE * even_odd.area for area in (signed_area(ring), wound.area))
+    if not same or not all(piece.is_valid for piece in pieces):  # rounding makes thin ones cross themselves
+        raise ValueError(CROSSES)
+    return pieces
+
+
+def _refuse_plain_faults(ring: np.ndarray) -> None:
+    """Raise a ValueError where two edges of a ring (N, 2) cross or overlap by more than rounding explains."""
+    ends = np.stack([ring, _following(ring)], axis=1)  # (N, 2, 2)
+    edges, along = shapely.linestrings(ends), ends[:, 1] - ends[:, 0]
+    tree = shapely.STRtree(edges)
+    depth = max(PLAIN_DEPTH, PLAIN_ROUNDING * float(np.abs(ring).max()))
+    for chunk in np.array_split(np.arange(len(ring)), math.ceil(len(ring) / CHUNK)):
+        one, other = tree.query(edges[chunk], predicate="intersects")
+        one = chunk[one]
+        one, other = one[one != other], other[one != other]
+        overlap = shapely.length(shapely.intersection(edges[one], edges[other])) > depth
+        if (overlap & (np.sum(along[one] * along[other], axis=1) < 0)).any():
+            raise ValueError(NO_AREA)
+        crossing = shapely.crosses(edges[one], edges[other])
+        for a, b in ((one, other), (other, one)):
+            crossing &= _distances_from_line(ends[a], ends[b]).min(axis=1) > depth
+        if (overlap | crossing).any():
+            raise ValueError(CROSSES)
+
+
+def _distances_from_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Of points (P, 2, 2) from lines, each through two points (P, 2, 2): (P, 2) [m]."""
+    along = line[:, 1] - line[:, 0]
+    from_line = points - line[:, :1]
+    across = along[:, :1] * from_line[..., 1] - along[:, 1:] * from_line[..., 0]
+    return np.abs(across) / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def _has_inside(part: shapely.Geometry) -> bool:
+    return isinstance(part, shapely.Polygon) and len(clean_ring(np.asarray(part.exterior.coords)[:-1])) > 2
+
+
+def moved(shape: shapely.Geometry, offset: np.ndarray) -> shapely.Geometry:
+    """A shape moved by an offset (2,) [m]."""
+    return shapely.transform(shape, lambda points: points + offset)
 
 
 def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+import logging
+import math
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
@@ -13,8 +14,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drake_gnnocp.files import write_atomically
-from drake_gnnocp.polygons import convex_parts, merged, polygons_of
+from drake_gnnocp.files import PACKAGE, write_atomically
+from drake_gnnocp.polygons import convex_parts, merged, moved, polygons_of
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
@@ -31,6 +32,10 @@ __all__ = ["Scenario", "ScenarioError", "bundled_scenarios"]
 
 MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
+
+LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +62,16 @@ class Scenario:
 
     def __post_init__(self) -> None:
         self._convert()
-        _ = self.polygons  # raises where an obstacle is none
+        _ = self._pieces  # raises where an obstacle is none
         if self.bounds is not None and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         if not 0 <= self.clearance <= MOST_CLEARANCE:
             raise ScenarioError(f"clearance: must be 0 to {MOST_CLEARANCE:g} m, not {shown(self.clearance)}")
         for which, pose in (("start", self.start), ("goal", self.goal)):
             self._check_pose(which, pose)
+        for which, pose in (("start", self.start), ("goal", self.goal)):
+            if abs(pose[2]) > LARGEST_HEADING:
+                logger.warning("%s: headings are in radians, and %g is many turns: are these degrees?", which, pose[2])
 
     def _convert(self) -> None:
         object.__setattr__(self, "clearance", float(_doubles("clearance", self.clearance, "a number in m", ())))
@@ -91,16 +99,21 @@ class Scenario:
                 continue
             if (seen.max(axis=0) < footprint.min(axis=0) - COORDINATE_TOLERANCE).any():
                 continue
-            if any(car.dwithin(polygon, COORDINATE_TOLERANCE) for polygon in polygons_of(seen)):
+            if any(car.dwithin(moved(piece, -pose[:2]), COORDINATE_TOLERANCE) for piece in self._pieces[j]):
                 raise ScenarioError(f"{which}: the car collides with obstacles[{j}]")
 
     @cached_property
     def polygons(self) -> tuple[shapely.Polygon, ...]:
         """The obstacles as exact simple polygons (an obstacle that touches itself gives several)."""
-        found: list[shapely.Polygon] = []
+        return tuple(piece for pieces in self._pieces for piece in pieces)
+
+    @cached_property
+    def _pieces(self) -> tuple[list[shapely.Polygon], ...]:
+        """The polygons of every obstacle."""
+        found = []
         for j, ring in enumerate(self.obstacles):
             try:
-                found += polygons_of(ring)
+                found.append(polygons_of(ring))
             except ValueError as error:
                 raise ScenarioError(f"obstacles[{j}]: {error}") from None
         return tuple(found)
@@ -143,19 +156,21 @@ class Scenario:
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
 
-        Planners work near the origin: maps in world coordinates of 1e9 m would cost them all their digits.
+        Planners work near the origin: maps in world coordinates of 1e9 m would cost them all their digits. What was
+        checked is not checked again: rounding could close a gap of a few nanometres, or push a car over the bounds.
         """
-        offset = np.array([dx, dy])
-        bounds = self.bounds
-        if bounds is not None:
-            bounds = (bounds[0] + dx, bounds[1] + dx, bounds[2] + dy, bounds[3] + dy)
-        return replace(
-            self,
+        offset, shifted = np.array([dx, dy]), object.__new__(type(self))
+        bounds = None if self.bounds is None else tuple((self.bounds + offset.repeat(2)).tolist())
+        shifted.__dict__.update(
+            {known.name: getattr(self, known.name) for known in fields(self)},
             start=self.start + np.append(offset, 0.0),
             goal=self.goal + np.append(offset, 0.0),
             obstacles=tuple(ring + offset for ring in self.obstacles),
             bounds=bounds,
+            _pieces=tuple([moved(piece, offset) for piece in pieces] for pieces in self._pieces),
+            convex_obstacles=tuple(part + offset for part in self.convex_obstacles),
         )
+        return shifted
 
     @classmethod
     def load(cls, source: str | Path) -> Scenario:
@@ -199,7 +214,7 @@ def bundled_scenarios() -> list[str]:
 
 
 def _bundled_folder() -> Path:
-    return Path(str(resources.files("drake_gnnocp") / "scenarios"))
+    return PACKAGE / "scenarios"
 
 
 def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -159,7 +159,8 @@ def parse_tpcap(text: str, name: str) -> dict[str, Any]:
     counts = [_count(f"vertex count of obstacles[{j}]", values[N_FIRST + j], least=3) for j in range(n)]
     flat = values[N_FIRST + n :]
     if len(flat) != 2 * sum(counts):
-        raise ValueError(f"vertices: the counts ask for {2 * sum(counts):g} numbers, there are {len(flat)}")
+        asked = 2.0 * sum(map(float, counts))
+        raise ValueError(f"vertices: the counts ask for {asked:g} numbers, there are {len(flat)}")
     vertices = zip(flat[::2], flat[1::2], strict=True)
     rings = [list(islice(vertices, count)) for count in counts]
     vehicle = TPCAP_VEHICLE.to_dict()

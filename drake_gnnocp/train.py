@@ -2,7 +2,8 @@
 
 import sys
 
+from drake_gnnocp.command_line import run_command
 from drake_gnnocp.experiments.training.command import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(main))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import read_text, write_atomically
+from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.vehicle import Input, State
 
 COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
@@ -55,15 +56,16 @@ class Trajectory:
 
     @property
     def flaw(self) -> str:
-        """What keeps it from being driven first: a number that is not finite, or a time that does not increase.
+        """What keeps it from being driven first: a number that is not finite or too large, or time that runs back.
 
         Returns:
             One line that names the knot, empty where there is nothing.
         """
-        if not all(np.isfinite(values).all() for values in (self.t, self.states, self.inputs)):
+        if not all((np.abs(values) <= LARGEST).all() for values in (self.t, self.states, self.inputs)):  # NaN as well
             numbers = np.column_stack([self.t, self.states, self.inputs])
-            knot, column = np.argwhere(~np.isfinite(numbers))[0]
-            return f"{COLUMNS[column]} of knot {knot}: must be finite, not {numbers[knot, column]}"
+            knot, column = np.argwhere(~(np.abs(numbers) <= LARGEST))[0]
+            value = numbers[knot, column]
+            return f"{COLUMNS[column]} of knot {knot}: must be finite and at most {LARGEST:g}, not {value:g}"
         is_later = self.t[1:] > self.t[:-1]
         if not is_later.all():
             return f"t of knot {is_later.argmin() + 1}: must be larger than that of the knot before"
@@ -98,9 +100,13 @@ class Trajectory:
         """Read what `save_csv` wrote.
 
         Raises:
-            ValueError: the header or a row is not that of a trajectory; the message names the file and the line.
+            ValueError: the file cannot be read, or its header or a row is not that of a trajectory; the message names
+                the file and the line.
         """
-        lines = Path(path).read_text(encoding="utf-8").splitlines() or [""]
+        try:
+            lines = read_text(Path(path)).splitlines()
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         if lines[0].strip() != ",".join(COLUMNS):
             raise ValueError(f"{path}: header: must be {','.join(COLUMNS)}, not {lines[0]:.80}")
         rows = np.array([_row(f"{path}: line {i}", line) for i, line in enumerate(lines[1:], start=2)])

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, NOT_VERIFIED, OneLineParser
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.command_line import DONE, NOT_VERIFIED, OneLineParser, failed
+from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import COLUMNS, Trajectory
@@ -22,7 +21,7 @@ def _parser() -> OneLineParser:
     parser = OneLineParser(
         prog="python -m drake_gnnocp.verify",
         description="Drive the inputs of a trajectory from the scenario's start, and check all that a plan promises.",
-        epilog="Exit code: 0 verified, 2 bad input, 3 not verified.",
+        epilog="Exit code: 0 verified, 2 bad input, 3 not verified, 4 the output could not be written.",
     )
     parser.add_argument("scenario", help="a bundled name, a .json or a TPCAP .csv file")
     columns = ",".join(COLUMNS)
@@ -38,21 +37,19 @@ def main(argv: list[str] | None = None) -> int:
         scenario, trajectory = Scenario.load(arguments.scenario), Trajectory.load_csv(arguments.trajectory)
         if trajectory.flaw:
             raise ValueError(f"{arguments.trajectory}: {trajectory.flaw}")
-        if arguments.out is not None:
-            arguments.out.mkdir(parents=True, exist_ok=True)
         x0, y0, _ = scenario.start  # near the origin, see Scenario.translated
         found = verify(scenario.translated(-x0, -y0), trajectory.translated(-x0, -y0)).translated(x0, y0)
         print("\n".join(_table(found)))
         print(f"{scenario.name}: {_outcome(found)}")
-        if arguments.out is not None:
-            _save(arguments.out, scenario, trajectory, found)
-            print(f"written to {arguments.out}")
-    except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
     except ValueError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
+        return failed(error, arguments.trajectory)
+    if arguments.out is not None:
+        try:
+            with replaced_together(arguments.out, (PICTURE, DATA)) as stage:
+                _save(stage, scenario, trajectory, found)
+        except OSError as error:
+            return failed(error, arguments.out)
+        print(f"written to {arguments.out}")
     return DONE if found.verified else NOT_VERIFIED
 
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 from benchmark_runs import MACHINE, cells, here, refuse, run_of, small_task
 
-from drake_gnnocp.experiments.benchmark.methods import Method, planned
+from drake_gnnocp.experiments.benchmark.methods import PAPER_PLAN, Method, planned
 from drake_gnnocp.experiments.benchmark.runs import PLANNED, RunFile, table_of
 from drake_gnnocp.experiments.benchmark.tasks import Task
 from drake_gnnocp.experiments.benchmark.worker import Worker
@@ -24,7 +24,6 @@ from drake_gnnocp.experiments.reports.parameters import BASE, Parameter, Point, 
 from drake_gnnocp.experiments.reports.report import Report
 from drake_gnnocp.learning.checkpoint import save_weights
 from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
-from drake_gnnocp.planner.planner import PlanOptions
 
 TINY = NetworkConfig(width=16, heads=1, encoder_layers=1, proposer_layers=1, refinements=1, channels=8)
 SOLVER = ("hypotheses", "knots", "lambda2", "gamma")  # parameters of the planner's options
@@ -44,11 +43,11 @@ def test_every_parameter_has_the_planners_default_and_changes_nothing_else() -> 
     for name in SOLVER:
         parameter = parameters(Path())[name]
         usual = [point for point in parameter.points if point.value == parameter.default]
-        assert usual and all(point.method.options == PlanOptions() for point in usual)
+        assert usual and all(point.method.options == PAPER_PLAN for point in usual)
         assert len({(point.series, repr(point.method.options)) for point in parameter.points}) == len(parameter.points)
     by_value = {(p.series, p.value): p.method.options for p in parameters(Path())["lambda2"].points}
     options = by_value["gnn", 0.0]
-    assert options.cost.lambda2 == 0.0 and replace(options, cost=PlanOptions().cost) == PlanOptions()
+    assert options.cost.lambda2 == 0.0 and replace(options, cost=PAPER_PLAN.cost) == PAPER_PLAN
 
 
 def test_methods_of_one_name_are_one_method() -> None:

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +10,8 @@ import numpy as np
 import pytest
 
 import drake_gnnocp
-from drake_gnnocp import PlanOptions, Scenario, ScenarioError, Trajectory, Vehicle, command_line, plan
-from drake_gnnocp.budget import Budget
+from drake_gnnocp import PlanOptions, Scenario, Trajectory, Vehicle, command_line, plan
 from drake_gnnocp.command_line import main
-from drake_gnnocp.guesses import Guess, GuessUnavailable, NoGuess
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.ocp import ipopt
 from drake_gnnocp.ocp.costs import CostWeights
@@ -171,18 +168,6 @@ def test_the_picture_of_an_unsolved_plan_shows_a_guess_and_no_optimised_path(
     assert not (tmp_path / "states.png").exists() and not (tmp_path / "replay.html").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_noticed_before_planning(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def refused(dir: Path) -> None:
-        raise PermissionError(13, "Permission denied", str(dir))
-
-    monkeypatch.setattr(command_line, "TemporaryFile", refused)
-    monkeypatch.setattr(command_line, "plan", None)
-    assert main(["map_a", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"--out: {tmp_path}: Permission denied\n"
-
-
 def test_ipopt_says_that_its_time_is_over_in_the_words_that_are_looked_for() -> None:
     scenario = Scenario.load("crowded_yard")
     nlp = build(formulate(scenario, straight_line(scenario, 120), CostWeights(), 0.1))
@@ -221,45 +206,6 @@ def test_another_vehicle_plans_within_its_own_limits() -> None:
     assert np.abs(result.trajectory.states[:, 3]).max() <= 1.001
 
 
-class Parabola:
-    """A source of a user: over the straight line, in a bow."""
-
-    name = "parabola"
-    proposes_many = False
-
-    def check_available(self) -> None:
-        """Nothing is needed."""
-
-    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
-        """One guess."""
-        line = straight_line(scenario, 120)
-        states = line.states.copy()
-        states[:, 1] += 3.0 * (1 - np.linspace(-1.0, 1.0, len(line)) ** 2)
-        yield Guess(self.name, Trajectory(line.t, states, line.inputs))
-
-
-def test_a_source_of_guesses_of_ones_own_is_planned_with(gate: Scenario) -> None:
-    result = plan(gate.translated(100.0, 50.0), Parabola())
-    assert result.verified and result.guess_source == "parabola"
-    assert result.guess is not None and result.guess.poses[0] == pytest.approx([100.0, 50.0, 0.0])
-
-
-def test_a_trajectory_of_ones_own_is_a_guess_where_the_scenario_is(gate: Scenario) -> None:
-    far = gate.translated(1e3, -2e3)
-    first = plan(far, "hybrid_astar")
-    assert first.trajectory is not None
-    again = plan(far, first.trajectory)
-    assert again.verified and again.guess_source == "given"
-    assert again.attempt.iterations <= first.attempt.iterations
-    assert again.trajectory is not None and again.trajectory.duration == pytest.approx(first.trajectory.duration)
-
-
-def test_a_scenario_may_be_given_by_its_name() -> None:
-    assert plan("empty_field").verified
-    with pytest.raises(ScenarioError, match=r"typo: scenario: neither a \.json"):
-        plan("typo")
-
-
 def test_a_plan_is_short_in_print_and_a_picture_in_a_notebook() -> None:
     result = plan("empty_field")
     assert repr(result).startswith("<Plan empty_field: verified") and len(repr(result)) < 300
@@ -270,11 +216,6 @@ def test_the_reported_attempt_is_the_one_the_plan_is_of(nothing_is_found: None) 
     result = plan(Scenario.load("empty_field"))
     assert result.attempt is result.attempts[result.reported]
     assert result.trajectory is result.attempt.trajectory and result.guess is result.attempt.start
-
-
-def test_an_unknown_guess_is_refused() -> None:
-    with pytest.raises(GuessUnavailable, match="guess: must be one of"):
-        plan(Scenario.load("empty_field"), "nonsense")
 
 
 @pytest.mark.slow

@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_gnnocp import CostWeights, Fixed, Guess, NoGuess, PlanOptions, Scenario, Trajectory, plan
+from drake_gnnocp import (
+    CostWeights,
+    Fixed,
+    Guess,
+    GuessUnavailable,
+    NoGuess,
+    PlanOptions,
+    Scenario,
+    ScenarioError,
+    Trajectory,
+    plan,
+)
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses.straight import straight_line
 
@@ -59,7 +70,7 @@ def test_a_trajectory_may_be_given_as_lists_of_whole_numbers() -> None:
 @pytest.mark.parametrize(
     ("guess", "message"),
     [
-        (with_nan(), "guess: y of knot 3: must be finite, not nan"),
+        (with_nan(), "guess: y of knot 3: must be finite and at most 1e[+]12, not nan"),
         (replace(LINE, t=-LINE.t), "guess: t of knot 1: must be larger than that of the knot before"),
         (replace(LINE, t=0 * LINE.t), "guess: t of knot 1: must be larger"),
         (42, "guess: must be a name, a source or a trajectory, not 42"),
@@ -156,6 +167,50 @@ def test_a_scenario_may_be_a_path_and_must_be_one(tmp_path: Path) -> None:
         plan(42)  # type: ignore[arg-type]
 
 
+def test_an_unknown_guess_is_refused() -> None:
+    with pytest.raises(GuessUnavailable, match="guess: must be one of"):
+        plan(Scenario.load("empty_field"), "nonsense")
+
+
 def test_options_are_no_mapping() -> None:
     with pytest.raises(ValueError, match="^options: must be PlanOptions, not {'knots': 3}"):
         plan(FIELD, options={"knots": 3})  # type: ignore[arg-type]
+
+
+class Parabola:
+    """A source of a user: over the straight line, in a bow."""
+
+    name = "parabola"
+    proposes_many = False
+
+    def check_available(self) -> None:
+        """Nothing is needed."""
+
+    def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
+        """One guess."""
+        line = straight_line(scenario, 120)
+        states = line.states.copy()
+        states[:, 1] += 3.0 * (1 - np.linspace(-1.0, 1.0, len(line)) ** 2)
+        yield Guess(self.name, Trajectory(line.t, states, line.inputs))
+
+
+def test_a_source_of_guesses_of_ones_own_is_planned_with(gate: Scenario) -> None:
+    result = plan(gate.translated(100.0, 50.0), Parabola())
+    assert result.verified and result.guess_source == "parabola"
+    assert result.guess is not None and result.guess.poses[0] == pytest.approx([100.0, 50.0, 0.0])
+
+
+def test_a_trajectory_of_ones_own_is_a_guess_where_the_scenario_is(gate: Scenario) -> None:
+    far = gate.translated(1e3, -2e3)
+    first = plan(far, "hybrid_astar")
+    assert first.trajectory is not None
+    again = plan(far, first.trajectory)
+    assert again.verified and again.guess_source == "given"
+    assert again.attempt.iterations <= first.attempt.iterations
+    assert again.trajectory is not None and again.trajectory.duration == pytest.approx(first.trajectory.duration)
+
+
+def test_a_scenario_may_be_given_by_its_name() -> None:
+    assert plan("empty_field").verified
+    with pytest.raises(ScenarioError, match=r"typo: scenario: neither a \.json"):
+        plan("typo")

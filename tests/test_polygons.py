@@ -200,3 +200,21 @@ def test_how_a_region_is_cut_makes_no_difference_to_the_merged_one() -> None:
     assert wall.area == pytest.approx(4.0, rel=SAME_AREA)
     frame = merged([shapely.box(0, 0, 5, 1), shapely.box(0, 4, 5, 5), shapely.box(0, 0, 1, 5), shapely.box(4, 0, 5, 5)])
     assert [len(polygon.interiors) for polygon in frame] == [1]
+
+
+def test_slivers_that_rounding_leaves_are_no_pieces_and_long_ones_no_polygons() -> None:
+    speck = ring_of([(0, 2), (3, 1), (0, 1.000001), (0, 1.000000001), (-1e-9, 1.5)])
+    for piece in polygons_of(speck):
+        check_parts(piece)
+    needle = ring_of([(0, 0), (4, 0), (4, 4), (2, 4), (2 + 1e-10, 7), (2, 4 - 1e-12), (0, 4)])
+    with pytest.raises(ValueError, match="has no area, or runs back along one of its own edges"):
+        polygons_of(needle)
+
+
+def test_rings_with_more_crossings_than_could_be_repaired_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shapely, "make_valid", None)
+    rng = np.random.default_rng(0)
+    on_a_line = np.column_stack([rng.uniform(0, 10, 500), np.zeros(500)])
+    for ring, message in ((rng.uniform(0, 10, (500, 2)), "crosses itself"), (on_a_line, "has no area")):
+        with pytest.raises(ValueError, match=message):
+            polygons_of(ring + FAR)

@@ -20,6 +20,7 @@ TPCAP_CASES = {  # from the table of the folder's README: obstacles, vertices
     **{"Case11": (5, 25), "Case13": (4, 16), "Case15": (4, 16), "Case17": (10, 67), "Case19": (37, 353)},
 }
 EXACT = 1e-9  # m and m^2, rounding of sums of coordinates of order ten
+SNAPPED = 2e-9  # m, by which outlines of obstacles that touch are moved
 FAR = 1e9  # m, world coordinates: one ulp is 1.2e-7 m
 FAR_ROUNDING = 1e-6  # m and m^2, a few such ulps
 
@@ -104,7 +105,7 @@ def test_obstacles_are_exact_polygons_and_convex_parts() -> None:
     assert [polygon.area for polygon in scenario.polygons] == pytest.approx([0.5, 10.0])
     parts = shapely.union_all([shapely.Polygon(ring) for ring in scenario.convex_obstacles])
     assert len(scenario.convex_obstacles) == 4  # the notched one takes two cuts: any one leaves an angle above pi
-    assert parts.symmetric_difference(shapely.union_all(scenario.polygons)).area < EXACT
+    assert shapely.hausdorff_distance(parts, shapely.union_all(scenario.polygons)) < SNAPPED
 
 
 def test_an_obstacle_that_touches_itself_gives_all_its_polygons() -> None:
@@ -217,4 +218,15 @@ def test_the_competitions_cases_are_read(case: str) -> None:
     scenario = Scenario.load(TPCAP_FOLDER / f"{case}.csv")
     assert (len(scenario.obstacles), sum(len(ring) for ring in scenario.obstacles)) == TPCAP_CASES[case]
     parts = shapely.union_all([shapely.Polygon(ring) for ring in scenario.convex_obstacles])
-    assert parts.symmetric_difference(shapely.union_all(scenario.polygons)).area < EXACT
+    assert shapely.hausdorff_distance(parts, shapely.union_all(scenario.polygons)) < SNAPPED
+
+
+def test_what_has_loaded_is_not_refused_where_it_is_moved_to() -> None:
+    slit = np.array([[0, 0], [4, 0], [4, 4], [2 + 4e-9, 4], [2 + 2e-9, 1], [2, 4], [0, 4]])  # 4 nm wide
+    start, goal = np.array([-99.0, -100.0, 0.0]), np.array([-80.0, -100.0, 0.0])
+    scenario = Scenario("thin", start, goal, (slit,), bounds=(-99.929, 20.0, -103.0, 10.0))  # touches the bounds
+    for offset in (1e3, 1e9, 1e11):
+        moved = scenario.translated(offset, -offset)
+        assert len(moved.polygons) == len(scenario.polygons)
+        assert len(moved.convex_obstacles) == len(scenario.convex_obstacles)
+        assert np.isfinite(moved.end_clearances).all() and np.isfinite(moved.centroids).all()

@@ -197,7 +197,7 @@ def test_what_the_budget_leaves_undone_is_said(given: list[Budget], scenario: Sc
     result = plan(scenario, "hybrid_astar", max_seconds=Budget(3.0, lambda: next(ticks)))
     assert result.budget_ended and result.to_dict()["budget_ended"]
     assert "the budget ended before all was tried" in result.summary
-    assert result.attempts[0].reason == "Hybrid A*: the budget of 3 s ended before it found a path (0 expansions)"
+    assert result.attempts[0].reason == "the budget of 3 s ended before it found a path"
 
 
 def test_hypotheses_are_looked_at_for_so_many_steps(scenario: Scenario, good: Trajectory, bad: Trajectory) -> None:

@@ -78,7 +78,7 @@ def test_a_csv_file_keeps_every_digit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "header: must be t,x,y"),
+        ("", "file: is empty"),
         ("t,x,y\n1,2,3\n", "header: must be t,x,y,theta,v,phi,a,w, not t,x,y"),
         (f"{HEADER}\n", "needs at least 2 rows, has 0"),
         (f"{HEADER}\n0,0,0,0,0,0,0,0\n", "needs at least 2 rows, has 1"),

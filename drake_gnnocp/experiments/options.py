@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 from collections.abc import Callable, Collection
 from pathlib import Path
 
@@ -38,9 +37,3 @@ def one_of(names: Collection[str]) -> Callable[[str], str]:
         return text
 
     return name
-
-
-def say_what_is_left_out() -> None:
-    """Log to stderr, except for Drake's warning of every solve that hits a limit: rows say so."""
-    logging.basicConfig(format="%(message)s")
-    logging.getLogger("drake").setLevel(logging.ERROR)

@@ -9,13 +9,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.files import PACKAGE
 from drake_gnnocp.guesses.base import Guess, GuessUnavailable, NoGuess
 from drake_gnnocp.scenario import Scenario
 
@@ -46,7 +46,12 @@ class Learned:
 
         begin = time.monotonic()
         for rank, trajectory in enumerate(guesses(load_network(self.weights), scenario, self.knots), start=1):
-            yield Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+            try:
+                guess = Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+            except ValueError as error:  # finite weights may still predict numbers that are not
+                yield NoGuess(self.name, str(error), time.monotonic() - begin)
+                return
+            yield guess
             if rank == self.most:
                 return
             begin = time.monotonic()
@@ -78,4 +83,4 @@ def _load_network(path: Path, _changed: int) -> Network:
 
 def bundled_weights(config: str = "default") -> Path:
     """The file of the weights that come with the package, of one of the networks' configurations."""
-    return Path(str(resources.files("drake_gnnocp") / "weights" / f"{config}.pt"))
+    return PACKAGE / "weights" / f"{config}.pt"

@@ -5,8 +5,9 @@ Files are loaded without running code from them.
 
 from __future__ import annotations
 
+import hashlib
 import io
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,16 @@ def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:
         "about": about,
         "weights": network.state_dict(),
     }
-    save_atomically(path, content)
+    save_atomically(path, content | {"checksum": _checksum(content)})
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    """Of all that a prediction depends on."""
+    digest = hashlib.sha256(repr([content[key] for key in ("kind", "config", "ranking")]).encode())
+    for name, tensor in sorted(content["weights"].items()):
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
+        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def save_atomically(path: Path, content: dict[str, Any]) -> None:
@@ -58,7 +68,7 @@ def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
     """The network in a file with its ranking, ready for use, and what else is to be known of it.
 
     Raises:
-        WeightsError: the file cannot be read, or is something else.
+        WeightsError: the file cannot be read, is something else or damaged, or holds numbers that are not finite.
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
@@ -67,8 +77,14 @@ def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
         network = new_network(config(**content["config"]))
         network.ranking = Ranking(**content["ranking"])
         network.load_state_dict(content["weights"])
+        checksum, saved = _checksum(content), content.get("checksum")  # files from before there was one have none
     except OSError as error:
         raise WeightsError(f"{path}: {error.strerror}") from None
     except Exception as error:  # torch's own errors for other files have no common class
         raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
+    if saved not in (None, checksum):
+        raise WeightsError(f"{path}: damaged: what it holds is not what was saved")
+    numbers = [*network.state_dict().values(), torch.tensor(astuple(network.ranking))]
+    if not all(torch.isfinite(tensor).all() for tensor in numbers):
+        raise WeightsError(f"{path}: holds weights that are not finite")
     return network.eval(), about

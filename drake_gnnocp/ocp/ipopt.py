@@ -6,17 +6,16 @@ limited-memory BFGS, and `warm_start_init_point` must stay off (it needs dual va
 
 from __future__ import annotations
 
-import logging
 import re
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SolverOptions
+
+from drake_gnnocp.drake_log import drake_lines
 
 HUGE = 1e20
 OUT_OF_TIME = "Wall time exceeded"  # status, in Ipopt's words
@@ -76,25 +75,13 @@ def solve(
         for name, value in _options(hessian, min(max(max_seconds, SHORTEST_TIME), LONGEST_TIME), settings, log).items():
             options.SetOption(solver.solver_id(), name, value)
         start = time.perf_counter()
-        with _quiet():
+        with drake_lines():
             result = solver.Solve(program, guess, options)
         seconds = time.perf_counter() - start
         iterations = _iterations(log)
     violated = () if result.is_success() else tuple(result.GetInfeasibleConstraintNames(program))
     status = result.get_solver_details().ConvertStatusToString()
     return Solution(result.get_x_val(), result.is_success(), status, iterations, seconds, violated)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Drake warns of every solve that hits a limit; the status says so."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 def _options(hessian: float, max_seconds: float, settings: IpoptSettings, log: Path) -> dict[str, float | int | str]:

@@ -193,6 +193,9 @@ class _StepProgram:
 
     def solve(self, iterate: _Iterate, proximal: float) -> np.ndarray | None:
         """The change of the knots (N, 7), in SI units; None where the solver failed."""
+        numbers = [*iterate.dynamics, *(array for _, arrays in iterate.soft for array in arrays)]
+        if not all(np.isfinite(array).all() for array in numbers):  # which Drake refuses by ending the process
+            return None
         self._set_dynamics(*iterate.dynamics)
         self._set_cost(iterate.knots, proximal)
         added = self._limit_rows(iterate.knots) + self._soft_rows(iterate)

@@ -79,7 +79,7 @@ def draw_map(
         ax.plot(x, y, "x", color=style.FAULT, markersize=12, markeredgewidth=2.5, label=label, zorder=7)
     _frame(ax, extent(scenario, (trajectory, guess), origin), origin)
     if title:
-        ax.set_title(title, fontsize=style.TITLE_SIZE)
+        ax.set_title(title, fontsize=style.TITLE_SIZE, parse_math=False)  # a name may hold dollar signs
     ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False, fontsize=style.LABEL_SIZE)
     return ax
 

@@ -6,7 +6,6 @@ The scene's frame is the scenario's, moved so that the middle of the map is at z
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,10 +17,11 @@ import shapely
 from pydrake.geometry import Box, Meshcat, MeshcatAnimation, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
 
+from drake_gnnocp.drake_log import drake_lines
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import extent, relative_bounds, relative_polygons, relative_poses
+from drake_gnnocp.pictures.scene import extent, relative_bounds, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -39,6 +39,7 @@ ELEVATION = math.radians(58.0)  # of the camera above the ground
 ASPECT = 1.4  # width over height of the window the camera is set for: a narrow one; wider windows show more
 PANEL_WIDTH = 200  # pixels, of the controls
 SUN = np.array([-0.5, -0.35, 1.0])  # the direction the light comes from
+ZERO = np.zeros(2)
 
 GROUND = Rgba(0.88, 0.88, 0.87)
 GRID_LINE = Rgba(0.72, 0.72, 0.71)
@@ -103,13 +104,8 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
 @contextmanager
 def _meshcat() -> Iterator[Meshcat]:
     """A Meshcat of our own, closed with its last reference; it is a server, though nobody connects to it."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)  # it announces its address
-    try:
+    with drake_lines():  # it announces its address
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))  # 0: any free port
-    finally:
-        log.setLevel(level)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.96, 1.0])
@@ -117,10 +113,16 @@ def _meshcat() -> Iterator[Meshcat]:
     yield meshcat
 
 
-def _paint(meshcat: Meshcat, path: str, shape: shapely.Geometry, height: float, color: Rgba) -> None:
-    """Extrude polygons from the ground to a height; rounding may leave loose lines in a union, which have no area."""
+def _paint(
+    meshcat: Meshcat, path: str, shape: shapely.Geometry, height: float, color: Rgba, origin: np.ndarray = ZERO
+) -> None:
+    """Extrude polygons from the ground to a height; rounding may leave loose lines in a union, which have no area.
+
+    Only their mesh is moved to the origin (2,) [m]: rounding could make a thin polygon one that has no triangles.
+    """
     for k, polygon in enumerate(part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)):
-        meshcat.SetTriangleMesh(f"{path}/{k}", *prism(polygon, 0.0, height), rgba=color)
+        vertices, faces = prism(polygon, 0.0, height)
+        meshcat.SetTriangleMesh(f"{path}/{k}", vertices - np.append(origin, 0.0)[:, None], faces, rgba=color)
 
 
 def _plate_size(half_size: np.ndarray) -> np.ndarray:
@@ -140,10 +142,10 @@ def _add_ground(meshcat: Meshcat, half_size: np.ndarray) -> None:
 
 def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> None:
     """The obstacles as walls with a dark upper edge, and the bounds as a kerb just outside of them."""
-    for j, polygon in enumerate(relative_polygons(scenario, origin)):
-        _paint(meshcat, f"obstacles/{j}/body", polygon, WALL_HEIGHT, WALL)
+    for j, polygon in enumerate(scenario.polygons):
+        _paint(meshcat, f"obstacles/{j}/body", polygon, WALL_HEIGHT, WALL, origin)
         for k, ring in enumerate((polygon.exterior, *polygon.interiors)):
-            edge = np.column_stack([np.asarray(ring.coords), np.full(len(ring.coords), WALL_HEIGHT + 0.01)])
+            edge = np.column_stack([np.asarray(ring.coords) - origin, np.full(len(ring.coords), WALL_HEIGHT + 0.01)])
             meshcat.SetLine(f"obstacles/{j}/edge{k}", edge.T, 1.0, WALL_EDGE)
     if (bounds := relative_bounds(scenario, origin)) is not None:
         inside = shapely.box(*bounds.ravel())

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
-from drake_gnnocp.polygons import polygons_of
+from drake_gnnocp.polygons import moved
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
@@ -26,8 +26,7 @@ def readable_origin(scenario: Scenario) -> np.ndarray:
 
 def relative_polygons(scenario: Scenario, origin: np.ndarray) -> list[shapely.Polygon]:
     """The exact obstacles relative to an origin (2,) [m]."""
-    # not scenario.translated(): rounding may push a car that touches the bounds out of them, which is refused
-    return [polygon for ring in scenario.obstacles for polygon in polygons_of(ring - origin)]
+    return [moved(polygon, -origin) for polygon in scenario.polygons]
 
 
 def relative_bounds(scenario: Scenario, origin: np.ndarray) -> np.ndarray | None:

@@ -66,7 +66,7 @@ def states_figure(
     draw_states(axes, trajectory, vehicle, guess)
     figure.align_ylabels(axes)
     if title:
-        axes[0].set_title(title, fontsize=style.TITLE_SIZE, pad=22)  # points: above the legend
+        axes[0].set_title(title, fontsize=style.TITLE_SIZE, pad=22, parse_math=False)  # points: above the legend
     return figure
 
 

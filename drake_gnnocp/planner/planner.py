@@ -9,6 +9,7 @@ from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as shown
+from threading import RLock
 
 import numpy as np
 
@@ -28,6 +29,16 @@ from drake_gnnocp.trajectory import Trajectory
 
 SAME_POSE = 1e-3  # m and rad: start and goal that differ by less are the same
 STANDING = 0.1  # s, a plan of no way
+# Drake's conversions of arguments are not thread-safe: a thread that finds another one inside of them gets a TypeError
+ONE_AT_A_TIME = RLock()  # reentrant: a source of guesses may plan itself
+
+
+class PlanInterrupted(KeyboardInterrupt):
+    """Ctrl-C while planning."""
+
+    def __init__(self, plan: Plan | None) -> None:
+        super().__init__()
+        self.plan = plan  # the best of the attempts that had ended; None where nothing was solved
 
 
 def plan(
@@ -47,13 +58,15 @@ def plan(
         horizon: t_final [s], or "guess" to take it from the guess, or "free" to minimise it with a weight on time along
             several paths; or the same as `FromGuess`, `Fixed` or `MinimumTime`.
         max_seconds: wall-clock budget [s], reading the scenario included; or one that has begun. When it ends, the best
-            attempt so far is returned. Loading the network, at a process's first plan with it, is not part of it.
+            attempt so far is returned. Loading the network, at a process's first plan with it, is not part of it, nor
+            is waiting for the plans of other threads: they are made one after the other.
         options: see `PlanOptions`.
         clearance: kept at all times [m], by the rule of `Scenario`; None: what the scenario asks for.
 
     Raises:
         ValueError: scenario, guess, horizon, clearance or max_seconds is not one of the above, before anything is
             planned; or a source of your own makes a guess that is not one (see `Guess`).
+        PlanInterrupted: Ctrl-C was pressed; it has the best plan so far.
     """
     budget, options, horizon = budget_of(max_seconds), options or PlanOptions(), horizon_of(horizon)
     if not isinstance(options, PlanOptions):
@@ -66,29 +79,11 @@ def plan(
         scenario = replace(scenario, clearance=clearance)
     with budget.standing_still():
         source = _source(scenario, guess, options)
-    if _is_same(scenario):
-        seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
-        return Plan(scenario, (at_rest(scenario, seconds, options),), 0, budget.spent)
-    x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    schedule = Schedule(scenario.translated(-x0, -y0), horizon, budget, options)
-    refused = _refused(schedule, no_passage)
-    if refused:
-        schedule.attempts += refused
-    elif source is None:
-        schedule.automatic()
-    else:
-        schedule.try_source(source)
-    attempts = schedule.attempts
-    if isinstance(horizon, MinimumTime):
-        attempts = _all_polished(schedule)
-    if not any(made.verified or made.no_path for made in attempts):
-        attempts += _refused(schedule, no_path)
-    if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
-        line = straight_line(schedule.scenario, options.knots)
-        attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
-    reported = _reported(attempts, horizon)
-    moved = tuple(made.translated(x0, y0) for made in attempts)
-    return Plan(scenario, moved, reported, budget.spent, budget.ended)
+        ONE_AT_A_TIME.acquire()
+    try:
+        return _planned(scenario, source, horizon, budget, options)
+    finally:
+        ONE_AT_A_TIME.release()
 
 
 def budget_of(value: float | Budget) -> Budget:
@@ -104,11 +99,43 @@ def budget_of(value: float | Budget) -> Budget:
     return Budget.of(float(value))
 
 
+def _planned(
+    scenario: Scenario, source: GuessSource | None, horizon: Horizon, budget: Budget, options: PlanOptions
+) -> Plan:
+    if _is_same(scenario):
+        seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
+        return Plan(scenario, (at_rest(scenario, seconds, options),), 0, budget.spent)
+    x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
+    schedule = Schedule(scenario.translated(-x0, -y0), horizon, budget, options)
+    try:
+        attempts = _attempts(schedule, source)
+    except KeyboardInterrupt:
+        solved = [made for made in schedule.attempts if made.best is not None]
+        raise PlanInterrupted(_plan(scenario, schedule, solved) if solved else None) from None
+    except SystemExit as stop:  # Drake's way to refuse numbers that are not finite
+        raise RuntimeError(f"Drake: {stop}") from stop
+    return _plan(scenario, schedule, attempts)
+
+
 def _is_same(scenario: Scenario) -> bool:
     """Whether the car is at its goal already."""
     change = scenario.goal - scenario.start
     change[2] = math.remainder(change[2], 2 * math.pi)
     return bool(np.abs(change).max() <= SAME_POSE)
+
+
+def _attempts(schedule: Schedule, source: GuessSource | None) -> list[Attempt]:
+    """All that is tried with one source, or in the usual order, and proofs that there is no path."""
+    if refused := _refused(schedule, no_passage):
+        return refused
+    if source is None:
+        schedule.automatic()
+    else:
+        schedule.try_source(source)
+    attempts = _all_polished(schedule) if isinstance(schedule.horizon, MinimumTime) else schedule.attempts
+    if not any(made.verified or made.no_path for made in attempts):
+        attempts += _refused(schedule, no_path)
+    return attempts
 
 
 def _refused(schedule: Schedule, prove: Callable[[Scenario], NoPath | None]) -> list[Attempt]:
@@ -118,6 +145,16 @@ def _refused(schedule: Schedule, prove: Callable[[Scenario], NoPath | None]) -> 
     if proof is None:
         return []
     return [Attempt("reachability", time.monotonic() - begin, None, reason=proof.text, no_path=proof)]
+
+
+def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt]) -> Plan:
+    """The plan that attempts near the origin led to, where the scenario is."""
+    if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
+        line = straight_line(schedule.scenario, schedule.options.knots)
+        attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
+    reported = _reported(attempts, schedule.horizon)
+    moved = tuple(made.translated(*scenario.start[:2]) for made in attempts)
+    return Plan(scenario, moved, reported, schedule.budget.spent, schedule.budget.ended)
 
 
 def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: PlanOptions) -> GuessSource | None:

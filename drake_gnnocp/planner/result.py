@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.ocp.costs import Cost
 from drake_gnnocp.ocp.refine import counted
 from drake_gnnocp.planner.attempt import AT_REST, Attempt
@@ -15,6 +15,8 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.verification import Finding, Verification
+
+FILES = ("scenario.json", "trajectory.csv", "guess.csv", "result.json")  # of a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,18 +135,17 @@ class Plan:
         }
 
     def save(self, folder: Path | str) -> None:
-        """Write scenario.json, trajectory.csv, guess.csv and, last, result.json into a folder, made where missing.
+        """Write scenario.json, trajectory.csv, guess.csv and result.json into a folder, made where missing.
 
         Where nothing was solved, trajectory.csv is the guess: the best there is, and marked "failed" in result.json.
         Where there is no path, there is neither of them.
+
+        Raises:
+            OSError: a file could not be written; then the folder is as it was before.
         """
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "result.json").unlink(missing_ok=True)  # an older one would speak of the new files
-        self.scenario.save(folder / "scenario.json")
-        for name, trajectory in (("trajectory.csv", self.trajectory or self.guess), ("guess.csv", self.guess)):
-            if trajectory is None:
-                (folder / name).unlink(missing_ok=True)  # an older plan's would be taken for this one's
-            else:
-                trajectory.save_csv(folder / name)
-        write_atomically(folder / "result.json", json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        with replaced_together(Path(folder), FILES) as stage:
+            self.scenario.save(stage / "scenario.json")
+            for name, trajectory in (("trajectory.csv", self.trajectory or self.guess), ("guess.csv", self.guess)):
+                if trajectory is not None:
+                    trajectory.save_csv(stage / name)
+            write_atomically(stage / "result.json", json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")

@@ -23,12 +23,12 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import HybridAStar, Learned, NoGuess
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.ocp.dynamics import defects
+from drake_gnnocp.planner.options import PlanOptions
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.timing.minimum_effort import with_duration, with_minimum_effort
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
-SLACK = 1.1  # the planner's: duration given to the optimiser over the guess's
 MODES = 4  # of the noise
 SEARCHED, OPTIMUM, STRAIGHT = "hybrid_astar", "optimum", "straight"
 AMPLITUDES = {"noise 0.3 m": 0.3, "noise 0.6 m": 0.6, "noise 1.0 m": 1.0}  # m, rms of x and of y
@@ -45,11 +45,11 @@ class MadeGuess:
 
 
 def search_guess(scenario: Scenario, n_knots: int, max_seconds: float) -> MadeGuess:
-    """Hybrid A*, timed as the planner times it, with `SLACK` more time; `max_seconds` limits the search [s]."""
+    """Hybrid A*, timed as the planner times it, with the planner's slack; `max_seconds` limits the search [s]."""
     found = next(HybridAStar(n_knots).guesses(scenario, Budget.of(max_seconds)))
     if isinstance(found, NoGuess):
         return MadeGuess(None, found.reason, found.seconds)
-    timed = with_minimum_effort(found.trajectory, SLACK * found.trajectory.duration, scenario.vehicle)
+    timed = with_minimum_effort(found.trajectory, PlanOptions().slack * found.trajectory.duration, scenario.vehicle)
     return MadeGuess(timed, "", found.seconds)
 
 

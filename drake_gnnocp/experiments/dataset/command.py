@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import multiprocessing
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 
 from drake_gnnocp.command_line import OneLineParser, count, reported
@@ -16,16 +19,19 @@ from drake_gnnocp.experiments.dataset.generate import (
     DatasetError,
     DatasetSettings,
     MakeMap,
+    check_settings,
     generate,
     load_dataset,
     make_map,
+    missing_maps,
     settings_of,
 )
 from drake_gnnocp.experiments.dataset.improve import improving, origin_of
 from drake_gnnocp.experiments.single_thread import single_threaded_children
 from drake_gnnocp.experiments.tasks.place import KINDS
-from drake_gnnocp.files import first_line
+from drake_gnnocp.files import first_line, locked
 
+logger = logging.getLogger(__name__)
 DEFAULTS = DatasetSettings()
 
 
@@ -60,7 +66,10 @@ def _parser() -> argparse.ArgumentParser:
 @contextmanager
 def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
     if dask is None:
-        with single_threaded_children(), ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as executor:
+        context = multiprocessing.get_context("spawn")
+        # Ctrl-C in a terminal reaches the workers as well, and ends them silently
+        pool = ProcessPoolExecutor(jobs, context, signal.signal, (signal.SIGINT, signal.SIG_DFL))
+        with single_threaded_children(), pool as executor:
             yield executor
         return
     try:
@@ -77,7 +86,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
     settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
-    executor = _executor(max(1, arguments.jobs), arguments.dask)
+    executor = partial(_executor, max(1, arguments.jobs), arguments.dask)
     made = _made(settings, tuple(arguments.kinds), arguments.out, executor, arguments.improve, arguments.weights)
     return reported(made, arguments.out)
 
@@ -86,7 +95,7 @@ def _made(
     settings: DatasetSettings,
     kinds: tuple[str, ...],
     out: Path,
-    executor: AbstractContextManager[Executor],
+    executor: Callable[[], AbstractContextManager[Executor]],
     improve: Path | None,
     weights: Path | None,
 ) -> Iterator[str]:
@@ -98,8 +107,16 @@ def _made(
         if improve.resolve() == out.resolve():
             raise ValueError("--improve: choose another --out; the dataset itself is not changed")
         settings, make, origin = settings_of(improve), improving(improve, weights), origin_of(improve, weights)
-    with executor as workers:
-        generate(settings, kinds, out, workers, make, origin)
+    with locked(out):
+        check_settings(out, settings, origin)
+        while missing := missing_maps(out, settings, kinds):
+            try:
+                with executor() as workers:
+                    generate(settings, kinds, out, workers, make, origin)
+            except BrokenExecutor:
+                if len(missing_maps(out, settings, kinds)) == len(missing):
+                    raise DatasetError("workers end before they have finished a map: is there enough memory?") from None
+                logger.warning("a worker has ended; the maps that were being made are tried again")
     records = load_dataset(out)
     write_datasheet(records, out)
     yield f"{len(records)} maps, {sum(len(record.trajectories) for record in records)} verified trajectories"

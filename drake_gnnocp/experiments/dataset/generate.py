@@ -8,19 +8,17 @@ from __future__ import annotations
 
 import json
 import logging
-import zlib
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 from tqdm import tqdm
 
 from drake_gnnocp.experiments.dataset.label import label
 from drake_gnnocp.experiments.dataset.records import MapRecord, load_records, save_records
 from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS, draw_place, draw_tasks, kind_of
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import first_line, write_atomically
 
 logger = logging.getLogger(__name__)
 
@@ -76,7 +74,7 @@ def generate(
     for name in ("parts", "shards"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     check_settings(folder, settings, origin)
-    missing = [index for index in _missing(folder, settings) if kind_of(index) in kinds]
+    missing = missing_maps(folder, settings, kinds)
     jobs: set[Future[MapRecord]] = {executor.submit(make, settings, index) for index in missing}
     try:
         for job in tqdm(as_completed(jobs), total=len(jobs), unit="map", smoothing=0.05):
@@ -127,8 +125,8 @@ def _read(files: list[Path]) -> dict[int, MapRecord]:
             records.update({record.index: record for record in load_records(path)})
         except FileNotFoundError:
             continue
-        except (OSError, EOFError, KeyError, ValueError, BadZipFile, zlib.error) as error:
-            raise DatasetError(f"{path}: {error}") from None
+        except Exception as error:  # zip, zlib and numpy have no common class for what damage looks like
+            raise DatasetError(f"{path}: not maps of a dataset, or damaged: {first_line(error)}") from None
     return records
 
 
@@ -161,11 +159,12 @@ def settings_of(folder: Path) -> DatasetSettings:
         raise DatasetError(f"{path}: not the settings of a dataset: {error}") from None
 
 
-def _missing(folder: Path, settings: DatasetSettings) -> list[int]:
+def missing_maps(folder: Path, settings: DatasetSettings, kinds: tuple[str, ...]) -> list[int]:
+    """Indices of the maps of some kinds that are not in a folder yet."""
     done = {int(path.stem.split("_")[1]) for path in (folder / "parts").glob("map_*.npz")}
     for path in (folder / "shards").glob("shard_*.npz"):
         done.update(_maps_of(settings, int(path.stem.split("_")[1])))
-    return [index for index in range(settings.maps) if index not in done]
+    return [index for index in range(settings.maps) if index not in done and kind_of(index) in kinds]
 
 
 def _maps_of(settings: DatasetSettings, shard: int) -> range:
@@ -184,6 +183,7 @@ def _merge(folder: Path, settings: DatasetSettings, shard: int) -> None:
     """Make a shard of its parts, where all are there."""
     parts = [_part(folder, index) for index in _maps_of(settings, shard)]
     if all(part.exists() for part in parts):
-        save_records(_shard(folder, shard), [load_records(part)[0] for part in parts])
+        records = _read(parts)
+        save_records(_shard(folder, shard), [records[index] for index in sorted(records)])
         for part in parts:
             part.unlink()

@@ -67,10 +67,17 @@ def save_records(path: Path, records: list[MapRecord]) -> None:
 
 
 def load_records(path: Path) -> list[MapRecord]:
-    """Read what `save_records` wrote."""
+    """Read what `save_records` wrote.
+
+    Raises:
+        ValueError: a number is not finite, or whatever zipfile, zlib and numpy raise for a file that is damaged.
+    """
     # opened here: numpy leaves a file open that is no whole archive
     with path.open("rb") as source, np.load(source, allow_pickle=False) as file:
         arrays = dict(file)
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and name != "task_cost" and not np.isfinite(array).all():  # no plan has no cost
+            raise ValueError(f"{name}: holds numbers that are not finite")
     arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept
     rings = iter(np.split(arrays["vertices"], np.cumsum(arrays["ring_size"])[:-1]))
     slots, rows = iter(arrays["slots"]), iter(range(len(arrays["task_outcome"])))

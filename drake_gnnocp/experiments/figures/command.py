@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
+from drake_gnnocp.command_line import DONE, OneLineParser, failed, seconds
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.figures.car import vehicle_figure
 from drake_gnnocp.experiments.figures.comparison import disparity_figure, error_along_figure, states_figure
 from drake_gnnocp.experiments.figures.diagrams import framework_figure, network_figure
@@ -20,6 +20,7 @@ from drake_gnnocp.experiments.figures.maps import overview_figure, process_figur
 from drake_gnnocp.experiments.figures.plans import Plans, Skipped
 from drake_gnnocp.experiments.figures.triangles import triangle_area_figure
 from drake_gnnocp.experiments.figures.vectors import vectorisation_figure
+from drake_gnnocp.experiments.options import one_of
 from drake_gnnocp.guesses import GuessUnavailable
 from drake_gnnocp.guesses.learned import load_network
 from drake_gnnocp.pictures.style import save_figure
@@ -49,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 done, however many figures were skipped; 2 bad input.",
     )
     add = parser.add_argument
-    add("names", nargs="*", type=_name, metavar="NAME", help="which figures, see --list (default: all)")
+    add("names", nargs="*", type=one_of(FIGURES), metavar="NAME", help="which figures, see --list (default: all)")
     add("--list", action="store_true", help="list the figures and exit")
     out = Path("artifacts") / "paper"
     add("--out", type=Path, default=out, metavar="DIR", help="folder to write (default: %(default)s)")
@@ -61,17 +62,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _name(text: str) -> str:
-    if text not in FIGURES:
-        raise argparse.ArgumentTypeError(f"must be one of {', '.join(FIGURES)}, not {text!r}")
-    return text
-
-
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and draw; returns the exit code."""
     arguments = _parser().parse_args(argv)
-    logging.basicConfig(format="%(message)s")
-    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit
+    log_to_stderr()
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f"{name:<14} {(draw.__doc__ or '').splitlines()[0]}")
@@ -82,12 +76,8 @@ def main(argv: list[str] | None = None) -> int:
             load_network(weights)
         arguments.out.mkdir(parents=True, exist_ok=True)
         drawn = draw_all(list(dict.fromkeys(arguments.names)) or list(FIGURES), plans, arguments.out)
-    except GuessUnavailable as error:
-        print(error, file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"--out: {error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
+    except (GuessUnavailable, OSError) as error:
+        return failed(error, arguments.out)
     print(f"{len(drawn)} figures written to {arguments.out}: {', '.join(drawn) or 'none'}")
     return DONE
 

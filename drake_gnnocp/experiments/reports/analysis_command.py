@@ -10,15 +10,16 @@ from pathlib import Path
 import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, positive, reported
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import GNN, check_methods, why_unavailable
 from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engine, planning_jobs
 from drake_gnnocp.experiments.benchmark.tasks import drawn_tasks
-from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of, say_what_is_left_out
+from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of
 from drake_gnnocp.experiments.reports.curves import curve_rows, summary
 from drake_gnnocp.experiments.reports.curves_picture import analysis_figure
 from drake_gnnocp.experiments.reports.parameters import Parameter, parameters
 from drake_gnnocp.experiments.reports.report import PACKAGES, Report, machine
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import locked, write_atomically
 from drake_gnnocp.pictures.style import save_figure
 
 NAMES = tuple(parameters(Path()))
@@ -48,7 +49,7 @@ def _parser() -> OneLineParser:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the curves; returns the exit code."""
     given = _parser().parse_args(argv)
-    say_what_is_left_out()
+    log_to_stderr()
     settings = Settings(given.max_seconds, weights=given.weights)
     return reported(run(given.names, given.tasks, settings, given.training, given.out), given.out)
 
@@ -62,11 +63,12 @@ def run(names: Sequence[str], n_tasks: int, settings: Settings, training: Path, 
     wanted = [every[name] for name in asked_for if name in every]
     if not wanted:
         raise ValueError(f"{', '.join(asked_for)}: nothing to vary: no network is there")
-    folder.mkdir(parents=True, exist_ok=True)
     methods = list({point.method.name: point.method for parameter in wanted for point in parameter.points}.values())
-    engine = planning_engine(folder, methods, settings)
-    engine.run(planning_jobs(drawn_tasks(n_tasks), methods, 1, settings))
-    yield write_curves(every, engine.file.table, folder)
+    with locked(folder):
+        engine = planning_engine(folder, methods, settings)
+        engine.run(planning_jobs(drawn_tasks(n_tasks), methods, 1, settings))
+        text = write_curves(every, engine.file.table, folder)
+    yield text
 
 
 def available(every: dict[str, Parameter], asked_for: Sequence[str]) -> dict[str, Parameter]:

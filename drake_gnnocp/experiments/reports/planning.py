@@ -5,13 +5,13 @@ Every number of the summary is computed from the runs of the folder, failures co
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, count, positive, reported
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import (
     AUTO,
     GNN,
@@ -25,7 +25,7 @@ from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engin
 from drake_gnnocp.experiments.benchmark.tasks import DATASET, NAMED, TEST_MAPS, drawn_tasks, named_tasks
 from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser
 from drake_gnnocp.experiments.reports import report
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import locked, write_atomically
 
 DEFAULTS = Settings()
 NOTES = """\
@@ -84,7 +84,7 @@ def _parser() -> OneLineParser:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the summary; returns the exit code."""
     given = _parser().parse_args(argv)
-    logging.getLogger("drake").setLevel(logging.ERROR)  # it warns of every solve that hits a limit; rows say so
+    log_to_stderr()
     settings, methods = Settings(given.max_seconds, given.seed, given.weights), list(dict.fromkeys(given.methods))
     texts = run(given.scenarios, given.tasks, methods, given.repeat, given.jobs, settings, given.out)
     return reported(texts, given.out)
@@ -98,11 +98,11 @@ def run(
         raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
     methods, tasks = settings.methods(names), named_tasks(scenarios)
     check_methods(methods)
-    folder.mkdir(parents=True, exist_ok=True)
-    engine = planning_engine(folder, methods, settings)
-    engine.run(planning_jobs(tasks + drawn_tasks(n_drawn), methods, repeats, settings), jobs)
-    summary = summarise(engine.file.table)
-    write_atomically(folder / "summary.md", summary)
+    with locked(folder):
+        engine = planning_engine(folder, methods, settings)
+        engine.run(planning_jobs(tasks + drawn_tasks(n_drawn), methods, repeats, settings), jobs)
+        summary = summarise(engine.file.table)
+        write_atomically(folder / "summary.md", summary)
     yield summary
 
 

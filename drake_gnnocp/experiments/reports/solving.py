@@ -19,7 +19,7 @@ from drake_gnnocp.experiments.benchmark.solving import NO_METHOD, Settings, solv
 from drake_gnnocp.experiments.benchmark.tasks import Task, named_tasks, random_tasks
 from drake_gnnocp.experiments.options import TIMING_EPILOG, add_budget, add_out, measuring_parser
 from drake_gnnocp.experiments.reports import report
-from drake_gnnocp.files import write_atomically
+from drake_gnnocp.files import locked, write_atomically
 from drake_gnnocp.scenario import bundled_scenarios
 
 DEFAULTS, USUAL = Settings(), [DRAKE, *CASADI]
@@ -100,11 +100,11 @@ def check_casadi(methods: Sequence[str]) -> None:
 
 def run(tasks: list[Task], methods: list[str], perturb: bool, settings: Settings, folder: Path) -> str:
     """Run methods on tasks; returns the summary, which is written."""
-    folder.mkdir(parents=True, exist_ok=True)
-    engine = solving_engine(folder, settings)
-    engine.run([solving_jobs(task, methods, perturb, settings, folder) for task in tasks])
-    summary = summarise(engine.file.table)
-    write_atomically(folder / "summary.md", summary)
+    with locked(folder):
+        engine = solving_engine(folder, settings)
+        engine.run([solving_jobs(task, methods, perturb, settings, folder) for task in tasks])
+        summary = summarise(engine.file.table)
+        write_atomically(folder / "summary.md", summary)
     return summary
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from drake_gnnocp.command_line import OneLineParser, positive, reported
+from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import (
     GNN,
     GNN_DIRECT,
@@ -23,10 +24,11 @@ from drake_gnnocp.experiments.benchmark.methods import (
 )
 from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engine, planning_jobs
 from drake_gnnocp.experiments.benchmark.tasks import Task, drawn_tasks, named_tasks
-from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of, say_what_is_left_out
+from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser, one_of
 from drake_gnnocp.experiments.reports import inference, raw_guesses
 from drake_gnnocp.experiments.reports.comparison import MAPS, map_report, unseen_report
 from drake_gnnocp.experiments.reports.report import PACKAGES, Report, machine
+from drake_gnnocp.files import locked
 
 PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR)
 OPTIONAL = (GNN_PAPER, RRT_STAR)  # left out where their weights or OMPL are missing
@@ -62,9 +64,10 @@ def _test_tasks(wanted: Wanted, folder: Path) -> Report:
 
 
 def _planned(tasks: list[Task], repeats: int, wanted: Wanted, folder: Path) -> pd.DataFrame:
-    engine = planning_engine(folder, wanted.methods, wanted.settings)
     jobs = planning_jobs(tasks, wanted.methods, repeats, wanted.settings)
-    engine.run(jobs)
+    with locked(folder):
+        engine = planning_engine(folder, wanted.methods, wanted.settings)
+        engine.run(jobs)
     return engine.file.table_of(job.key for task in jobs for job in task)
 
 
@@ -111,7 +114,7 @@ def _parser() -> OneLineParser:
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run what is missing and write the tables; returns the exit code."""
     given = _parser().parse_args(argv)
-    say_what_is_left_out()
+    log_to_stderr()
     wanted = {}
     for name in dict.fromkeys(given.names or TABLES):
         settings = Settings(given.max_seconds or TABLES[name].max_seconds, weights=given.weights)
