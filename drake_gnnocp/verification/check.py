@@ -78,7 +78,8 @@ def _drive_if_possible(scenario: Scenario, trajectory: Trajectory) -> Motion | N
             motion = motion_of(scenario.start, trajectory, scenario.vehicle)
     except OverflowError:
         return None
-    return motion if np.abs(motion.states).max() <= LARGEST else None  # None for NaN as well
+    # None for NaN as well
+    return motion if np.abs(motion.states).max() <= LARGEST and motion.errors[-1] <= LARGEST else None
 
 
 def _clearances(kept: Clearances) -> tuple[Finding, Finding, Finding, Finding]:
