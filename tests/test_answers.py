@@ -195,4 +195,4 @@ def test_of_several_plans_with_faults_the_one_with_the_fewest_is_kept(monkeypatc
     solves = [two, nearer, one, *[two] * 6]
     refined, asked = refined_by_hand(monkeypatch, scenario, around(scenario), solves)
     assert refined.best == 2 and not refined.verified and len(asked) == 9
-    assert refined.reason == "ends 0.100 m off the goal after 9 solves (Ipopt: by hand)"
+    assert refined.reason == "the optimised plan ends 0.100 m off the goal after 9 solves"
