@@ -135,7 +135,9 @@ def test_standing_still_is_a_path() -> None:
     np.testing.assert_allclose(path.poses, [pose, pose], atol=EXACT)
 
 
-def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario) -> None:
+def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    for proof in ("no_passage", "no_path"):  # as where there is no way, and that cannot be proven
+        monkeypatch.setattr(f"drake_gnnocp.planner.planner.{proof}", lambda _: None)
     result = plan(walled_in, "rrt_star", max_seconds=2.0)
     assert result.status == "no_path" and result.guess is None and len(result.attempts) == 1
     (guess,) = RrtStar(40, seed=0).guesses(walled_in, Budget.of(0.5))
