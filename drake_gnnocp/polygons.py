@@ -5,6 +5,7 @@ A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,6 +20,7 @@ CHUNK = 4  # edges that are looked at together: each may cross all the others
 NO_AREA, CROSSES = "has no area, or runs back along one of its own edges", "crosses itself"
 SPECK = 1e-8  # m, the longest outline of a piece that rounding may leave and that nobody misses
 AREA_TOLERANCE = 1e-9  # relative: a ring and its repaired polygon enclose the same area
+MOST_VERTICES = 60  # of a convex part
 CONVEX_TOLERANCE = 1e-12  # of the squared perimeter: turns above -this count as convex
 
 
@@ -150,13 +152,23 @@ def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
     """
     ring = clean_ring(np.asarray(polygon.exterior.coords)[:-1])
     if not polygon.interiors and _is_convex(ring.tolist()):
-        return [ring]
+        return _of_few_vertices(ring)
     triangles = [np.asarray(t.exterior.coords)[:-1] for t in shapely.constrained_delaunay_triangles(polygon).geoms]
     vertices, ids = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
     parts = []
     for corner_ids, triangle in zip(ids.reshape(-1, 3).tolist(), triangles, strict=True):
         parts.append(corner_ids if signed_area(triangle) > 0 else corner_ids[::-1])
-    return [vertices[part] for part in _merge_convex(parts, vertices)]
+    return [few for part in _merge_convex(parts, vertices) for few in _of_few_vertices(vertices[part])]
+
+
+def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
+    """A convex ring (N, 2) cut into such of at most MOST_VERTICES: arrays of many rings are as wide as the largest."""
+    if len(ring) <= MOST_VERTICES:
+        return [ring]
+    cuts = np.append(np.arange(0, len(ring), MOST_VERTICES - 1), len(ring))
+    closed = np.concatenate([ring, ring[:1]])
+    segments = [closed[first : last + 1] for first, last in itertools.pairwise(cuts)]
+    return [segment for segment in segments if len(segment) > 2] + _of_few_vertices(ring[cuts[:-1]])
 
 
 def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int]]:

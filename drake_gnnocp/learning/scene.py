@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+import shapely
 import torch
-from shapely import LineString, Polygon, distance
 from shapely.geometry.polygon import orient
 from torch import Tensor
 
@@ -23,7 +23,10 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
 WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)  # columns of `Scene.vehicle`
-MOST_OBSTACLES = 500  # that the network is shown: its time grows with the square of their number
+
+# of what the network looks at: more takes memory without end, and it was trained on less
+MOST_OBSTACLES, MOST_VERTICES = 500, 200
+WALLS_WITHIN = 100.0  # m, of the box around start and goal: bounds farther away are no matter
 
 
 @dataclass(frozen=True)
@@ -57,27 +60,42 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         holes clockwise; repeated vertices are left out.
     """
     groups = []
-    for polygon in map(orient, _near_the_way(scenario.blocked, scenario)):
+    for polygon in map(orient, _nearest(scenario)):
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
-        outlines = [np.array(outline.coords) for outline in (polygon.exterior, *polygon.interiors)]
+        outlines = [_few_vertices(np.array(outline.coords)) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
     if scenario.bounds is not None:
-        xmin, xmax, ymin, ymax = scenario.bounds
-        # the free side is on the right of every vector, as it is for rings
-        walls = [(xmin, ymin, xmin, ymax), (xmin, ymax, xmax, ymax), (xmax, ymax, xmax, ymin), (xmax, ymin, xmin, ymin)]
-        groups.extend(np.array([wall]) for wall in walls)
+        groups.extend(np.array([wall]) for wall in _walls(scenario, scenario.bounds))
     if not groups:  # one obstacle that is only padding
         return np.zeros((1, 1, 4)), np.zeros((1, 1), dtype=bool)
     return padded(groups), padded([np.ones(len(group), dtype=bool) for group in groups])
 
 
-def _near_the_way(polygons: Sequence[Polygon], scenario: Scenario) -> Sequence[Polygon]:
-    """The polygons, where there are very many only those nearest to the straight line from start to goal."""
-    if len(polygons) <= MOST_OBSTACLES:
-        return polygons
-    way = LineString([scenario.start[:2], scenario.goal[:2]])
-    nearest = np.argsort(distance(way, polygons), kind="stable")[:MOST_OBSTACLES]
-    return [polygons[j] for j in sorted(nearest)]
+def _nearest(scenario: Scenario) -> Sequence[shapely.Polygon]:
+    """The obstacles, or those that are nearest to the line from start to goal where there are very many."""
+    if len(scenario.blocked) <= MOST_OBSTACLES:
+        return scenario.blocked
+    line = shapely.LineString([scenario.start[:2], scenario.goal[:2]])
+    nearest = np.argsort(shapely.distance(line, list(scenario.blocked)), kind="stable")[:MOST_OBSTACLES]
+    return [scenario.blocked[i] for i in np.sort(nearest)]
+
+
+def _few_vertices(outline: np.ndarray) -> np.ndarray:
+    """A closed outline (N, 2), or some of its vertices where there are very many."""
+    if len(outline) <= MOST_VERTICES:
+        return outline
+    return outline[np.linspace(0, len(outline) - 1, MOST_VERTICES).astype(int)]
+
+
+def _walls(scenario: Scenario, bounds: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """Vectors along the bounds, the free side on their right as it is for rings; none for sides that are far away."""
+    ends = np.stack([scenario.start[:2], scenario.goal[:2]])
+    seen_low, seen_high = ends.min(axis=0) - WALLS_WITHIN, ends.max(axis=0) + WALLS_WITHIN
+    low, high = np.array(bounds[0::2]), np.array(bounds[1::2])
+    (xmin, ymin), (xmax, ymax) = np.maximum(low, seen_low).tolist(), np.minimum(high, seen_high).tolist()
+    walls = [(xmin, ymin, xmin, ymax), (xmin, ymax, xmax, ymax), (xmax, ymax, xmax, ymin), (xmax, ymin, xmin, ymin)]
+    is_near = (low[0] > seen_low[0], high[1] < seen_high[1], high[0] < seen_high[0], low[1] > seen_low[1])
+    return [wall for wall, near in zip(walls, is_near, strict=True) if near]
 
 
 def padded(arrays: Sequence[np.ndarray]) -> np.ndarray:

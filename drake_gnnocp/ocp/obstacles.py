@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 SHORTEST_EDGE = 1e-9  # m, shorter edges are repeated vertices
+MOST_OF_A_KNOT = 200  # pairs: what more of them asks for, the answers to the check find
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,8 @@ class Obstacles:
     def pairs_within(self, footprints: np.ndarray, times: np.ndarray, distance: float) -> Pairs:
         """Pairs of a knot and an obstacle whose bounding boxes are nearer than a distance, by obstacle, then by knot.
 
+        Of a knot with more than MOST_OF_A_KNOT such obstacles, the nearest.
+
         Args:
             footprints: (N, 4, 2) of the car; the first and the last knot are fixed and in no pair [m].
             times: (N,) of the knots [s].
@@ -86,6 +89,10 @@ class Obstacles:
         near_low, near_high = footprints.min(axis=1) - distance, footprints.max(axis=1) + distance
         close = np.all((near_high > low[:, None]) & (near_low < high[:, None]), axis=2)
         close[:, [0, -1]] = False
+        if close.sum(axis=0).max(initial=0) > MOST_OF_A_KNOT:
+            gap = np.maximum(near_low - high[:, None], low[:, None] - near_high).max(axis=2)  # of the boxes: (J, N)
+            order = np.argsort(np.where(close, gap, np.inf), axis=0, kind="stable")
+            np.put_along_axis(close, order[MOST_OF_A_KNOT:], False, axis=0)
         obstacle, knot = np.nonzero(close)
         return Pairs(knot, obstacle, self.vertices[obstacle], self.is_vertex[obstacle], self._normals[obstacle])
 

@@ -33,7 +33,7 @@ WALL_HEIGHT = 1.0  # m, lower than the car, so that it is seen behind obstacles
 KERB = 0.15  # m, width and height of the bounds
 STROKE = 0.12  # m, width of the lines on the ground: WebGL's own lines are one pixel wide
 PATH_HEIGHT, OUTLINE_HEIGHT = 0.03, 0.02  # m, thickness of the paint: the path covers the outlines
-GRID = 5.0  # m, between the lines on the ground
+GRID, MOST_LINES = 5.0, 200  # m, between the lines on the ground, or more so that there are no more than this many
 FIELD_OF_VIEW = 35.0  # degree, of the camera, upright
 ELEVATION = math.radians(58.0)  # of the camera above the ground
 ASPECT = 1.4  # width over height of the window the camera is set for: a narrow one; wider windows show more
@@ -127,14 +127,21 @@ def _paint(
 
 def _plate_size(half_size: np.ndarray) -> np.ndarray:
     """Half the size (2,) of the ground: whole grid cells, with some room around the scene [m]."""
-    return GRID * np.ceil(half_size / GRID + 0.6)
+    grid = _grid(half_size)
+    return grid * np.ceil(half_size / grid + 0.6)
+
+
+def _grid(half_size: np.ndarray) -> float:
+    """Between the lines on the ground [m]: more on a large one."""
+    return GRID * max(1, math.ceil(2 * float(half_size.max()) / (GRID * MOST_LINES)))
 
 
 def _add_ground(meshcat: Meshcat, half_size: np.ndarray) -> None:
     east, north = _plate_size(half_size)
     meshcat.SetObject("ground/plate", Box(2 * east, 2 * north, 0.1), GROUND)
     meshcat.SetTransform("ground/plate", RigidTransform([0.0, 0.0, -0.06]))
-    x, y = np.arange(-east, east + GRID / 2, GRID), np.arange(-north, north + GRID / 2, GRID)
+    grid = _grid(half_size)
+    x, y = np.arange(-east, east + grid / 2, grid), np.arange(-north, north + grid / 2, grid)
     begin = [[a, -north, 0.0] for a in x] + [[-east, b, 0.0] for b in y]
     end = [[a, north, 0.0] for a in x] + [[east, b, 0.0] for b in y]
     meshcat.SetLineSegments("ground/grid", np.transpose(begin), np.transpose(end), 1.0, GRID_LINE)
@@ -149,7 +156,8 @@ def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> 
             meshcat.SetLine(f"obstacles/{j}/edge{k}", edge.T, 1.0, WALL_EDGE)
     if (bounds := relative_bounds(scenario, origin)) is not None:
         inside = shapely.box(*bounds.ravel())
-        _paint(meshcat, "bounds", inside.buffer(KERB, join_style="mitre") - inside, KERB, WALL_EDGE)
+        kerb = shapely.box(*(bounds + [[-KERB], [KERB]]).ravel()) - inside  # far away, rounding may leave none
+        _paint(meshcat, "bounds", kerb, KERB, WALL_EDGE)
 
 
 def _add_outline(meshcat: Meshcat, name: str, vehicle: Vehicle, pose: np.ndarray, color: Rgba) -> None:

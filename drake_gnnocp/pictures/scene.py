@@ -15,6 +15,7 @@ from drake_gnnocp.polygons import moved
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
+LEAST_ROOM, ROOM = 100.0, 2.0  # m, and of the larger side of the box around start and goal: drawn around it at most
 FAR_AWAY = 1e4  # m, from here on tick labels have too many digits to read
 
 
@@ -42,7 +43,8 @@ def relative_poses(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
 def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin: np.ndarray) -> np.ndarray:
     """The box around all that is drawn.
 
-    A failed attempt may run far away; it widens the box by at most the map's own size on each side.
+    Of what is far from start and goal, the near part is drawn. A failed attempt may run far away as well; it widens the
+    box by at most the map's own size on each side.
 
     Returns:
         (2, 2) lower left and upper right corner relative to the origin [m].
@@ -51,7 +53,9 @@ def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin
     points = [ends.reshape(-1, 2), *(ring - origin for ring in scenario.obstacles)]
     if (bounds := relative_bounds(scenario, origin)) is not None:
         points.append(bounds)
-    fixed = np.concatenate(points)
+    low, high = points[0].min(axis=0), points[0].max(axis=0)
+    room = max(LEAST_ROOM, ROOM * float((high - low).max()))
+    fixed = np.concatenate(points).clip(low - room, high + room)
     low, high = fixed.min(axis=0), fixed.max(axis=0)
     size = high - low
     shown = [fixed]

@@ -35,6 +35,7 @@ from drake_gnnocp.vehicle import Vehicle
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
 BOUNDS_TOLERANCE = 1e-9  # m: a car that starts exactly on the bounds is inside, whatever the rounding
+MOST_NUMBERS = 2_000_000  # in an array: more poses are tested in parts
 COARSEST_SPACING = 0.2  # m, between tested poses
 FINEST_SPACING = 0.05  # m, however small the margin: a corner can clip by 4 cm between poses, never a wall be jumped
 
@@ -79,11 +80,15 @@ class FootprintTest:
         self._middle = 0.5 * vehicle.length - vehicle.rear_hang  # the rectangle's centre, ahead of the rear axle
         self._place_circles(vehicle)
         self._index_parts(scenario.convex_obstacles)
+        self._most_poses = max(1, MOST_NUMBERS // max(len(self._offsets), len(self._parts)))
         smallest = min(margins.usual, margins.start, margins.goal)
         self.spacing = min(max(2.0 * smallest / sweep(vehicle), FINEST_SPACING), COARSEST_SPACING)  # m, see above
 
     def collides(self, poses: np.ndarray) -> np.ndarray:
         """Which poses (N, 3) [m, m, rad] touch an obstacle or leave the region: (N,) bool."""
+        if len(poses) > self._most_poses:
+            parts = range(0, len(poses), self._most_poses)
+            return np.concatenate([self.collides(poses[first : first + self._most_poses]) for first in parts])
         x, y = poses[:, 0], poses[:, 1]
         cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         hit = self._leaves_region(x, y, cos, sin)

@@ -11,6 +11,8 @@ from drake_gnnocp.search.collision import FootprintTest
 from drake_gnnocp.search.moves import Move, length_of, poses_along
 from drake_gnnocp.search.reeds_shepp import all_paths
 
+MOST_POSES = 500_000  # along a path that is tested: longer ones, of many kilometres, are not looked at
+
 
 def connect(
     start: np.ndarray,
@@ -41,7 +43,7 @@ def connect(
         if length_of(moves) >= dearest:  # they come shortest first
             break
         cost = cost_of(moves)
-        if cost < dearest:
+        if cost < dearest and length_of(moves) < MOST_POSES * test.spacing:
             bisect.insort(choices, (cost, len(choices), moves))
     del choices[candidates:]
     free = test.first_free([poses_along(start, moves, test.spacing).poses for _, _, moves in choices])

@@ -130,7 +130,8 @@ def _lengths(
 ) -> np.ndarray:
     """Shortest lengths to the target state [m], infinite at blocked states."""
     _, nx, ny = blocked.shape
-    frame = max(max(abs(i), abs(j)) for own in moves for i, j, _, _ in own)  # of infinity: no move leaves the array
+    # a frame of infinity: no move leaves the array, and those that are longer than it lead as far
+    frame = min(max(max(abs(i), abs(j)) for own in moves for i, j, _, _ in own), max(nx, ny))
     values = np.full((HEADINGS, nx + 2 * frame, ny + 2 * frame), np.inf, dtype=np.float32)
     inner = values[:, frame : frame + nx, frame : frame + ny]
     inner[target] = 0.0
@@ -143,6 +144,7 @@ def _lengths(
             changed[k] = False
             np.copyto(before, inner[k])
             for i, j, source, length in sources:
+                i, j = min(max(i, -frame), frame), min(max(j, -frame), frame)
                 shifted = values[source, frame + i : frame + i + nx, frame + j : frame + j + ny]
                 np.add(shifted, wall[k], out=candidate)
                 candidate += np.float32(length)

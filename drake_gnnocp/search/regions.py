@@ -16,7 +16,7 @@ def search_regions(scenario: Scenario) -> list[Box]:
     """The rectangles that are searched in turn, each xmin, xmax, ymin, ymax [m].
 
     The first is the surroundings of start and goal, which a far obstacle does not enlarge. Where the whole map is
-    larger, it is the second: the bounds, or the box around all obstacles and ends with room for the car to turn.
+    larger, it is the second: the box around all obstacles and ends with room for the car to turn, within the bounds.
     """
     vehicle = scenario.vehicle
     ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
@@ -24,8 +24,6 @@ def search_regions(scenario: Scenario) -> list[Box]:
     room = max(ROOM, 2.0 * vehicle.turning_radius + vehicle.length)
     low, high = everything.min(axis=0) - room, everything.max(axis=0) + room
     surroundings = _clipped(scenario, ends, DETOUR, low, high)
-    if scenario.bounds is not None:
-        low, high = np.array(scenario.bounds[0::2]), np.array(scenario.bounds[1::2])
     whole_map = _clipped(scenario, ends, LONGEST_DETOUR, low, high)
     return [surroundings] if surroundings == whole_map else [surroundings, whole_map]
 
