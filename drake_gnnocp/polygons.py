@@ -5,7 +5,6 @@ A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -167,7 +166,7 @@ def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
         return [ring]
     cuts = np.append(np.arange(0, len(ring), MOST_VERTICES - 1), len(ring))
     closed = np.concatenate([ring, ring[:1]])
-    segments = [closed[first : last + 1] for first, last in itertools.pairwise(cuts)]
+    segments = [closed[first : last + 1] for first, last in pairwise(cuts)]
     return [segment for segment in segments if len(segment) > 2] + _of_few_vertices(ring[cuts[:-1]])
 
 
