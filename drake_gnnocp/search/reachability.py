@@ -39,7 +39,7 @@ HEADING_SLACK = math.radians(1.1)  # rad, likewise
 ARC_SEGMENTS = 12  # of a quarter of a circle
 # numbers of intervals of headings that are looked at in turn, and the most vertices of convex parts near the way with
 # which they are: half a second at most
-INTERVALS = {32: 3000, 128: 500}
+INTERVALS = {32: 3000, 128: 200}
 MOST_CORNERS = 2000  # of all obstacles: with more, they are made simpler by the next, and no passage is measured
 SIMPLER = 0.03  # of the disc's radius: outlines move by no more, and what they are grown by is less by as much
 SMALLEST_SHARE = 0.02  # of the disc's radius: a passage narrower than this is none
