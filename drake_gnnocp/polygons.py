@@ -167,7 +167,8 @@ def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
     cuts = np.append(np.arange(0, len(ring), MOST_VERTICES - 1), len(ring))
     closed = np.concatenate([ring, ring[:1]])
     segments = [closed[first : last + 1] for first, last in pairwise(cuts)]
-    return [segment for segment in segments if len(segment) > 2] + _of_few_vertices(ring[cuts[:-1]])
+    pieces = [*segments, *_of_few_vertices(ring[cuts[:-1]])]
+    return [piece for piece in pieces if signed_area(piece) > SMALLEST_AREA]  # vertices may be on one line
 
 
 def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int]]:

@@ -142,7 +142,7 @@ def test_an_interrupted_plan_has_the_best_attempt_so_far(monkeypatch: pytest.Mon
     with pytest.raises(PlanInterrupted) as interruption:
         plan(FIELD, PressesCtrlC(lambda *_: iter([])))
     assert interruption.value.plan is None
-    monkeypatch.setattr(planner.Schedule, "_may_go_on", True)
+    monkeypatch.setattr(planner.Schedule, "_is_done", False)
     with pytest.raises(PlanInterrupted) as interruption:
         plan(FIELD.translated(5.0, 0.0), PressesCtrlC(a_guess_that_fails))
     found = interruption.value.plan

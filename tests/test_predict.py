@@ -115,7 +115,7 @@ def test_every_hypothesis_of_every_view_is_given_once() -> None:
 def test_of_very_many_obstacles_the_network_is_shown_those_nearest_to_the_way() -> None:
     box = np.array([[0.0, 0.0], [0.2, 0.0], [0.2, 0.2], [0.0, 0.2]])
     boxes = tuple(box + [0.0, 3.0 + y] for y in np.random.default_rng(0).permutation(MOST_OBSTACLES + 100))
-    start, goal, bounds = np.array([-9.0, 0.0, 0.0]), np.array([9.0, 0.0, 0.0]), (-99.0, 99.0, -99.0, 999.0)
+    start, goal, bounds = np.array([-9.0, 0.0, 0.0]), np.array([9.0, 0.0, 0.0]), (-99.0, 99.0, -99.0, 99.0)
     edges, mask = vectors_of(Scenario("boxes", start, goal, boxes, bounds))
     assert len(edges) == len(mask) == MOST_OBSTACLES + 4
     assert edges[:MOST_OBSTACLES, :, 1].min() == 3.0

@@ -12,7 +12,7 @@ import shapely
 from drake_gnnocp import Scenario, Vehicle, plan
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.command_line import main
-from drake_gnnocp.guesses import Guess, NoGuess, RrtStar
+from drake_gnnocp.guesses import Guess, RrtStar
 from drake_gnnocp.search.polyline import geared
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.rrt_star import END_RADIUS, _Lines, rrt_star_path
@@ -139,9 +139,9 @@ def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario, mon
     for proof in ("no_passage", "no_path"):  # as where there is no way, and that cannot be proven
         monkeypatch.setattr(f"drake_gnnocp.planner.planner.{proof}", lambda _: None)
     result = plan(walled_in, "rrt_star", max_seconds=2.0)
-    assert result.status == "no_path" and result.guess is None and len(result.attempts) == 1
-    (guess,) = RrtStar(40, seed=0).guesses(walled_in, Budget.of(0.5))
-    assert isinstance(guess, NoGuess) and guess.reason.startswith("RRT*: ")
+    attempt, shown = result.attempts
+    assert result.status == "failed" and attempt.source == "rrt_star" and attempt.reason.startswith("RRT*: ")
+    assert shown.reason.startswith("not solved") and result.guess is shown.start
 
 
 @pytest.mark.parametrize("looks", [0, 10, 1000])
