@@ -1,5 +1,10 @@
-"""A clearance that is asked for is kept at all times; without one, plans keep a comfortable one where that is cheap."""
+"""A clearance that is asked for is kept at all times; without one, plans keep a comfortable one where that is cheap.
 
+`python tests/test_clearance.py 200` plans that many tasks on test maps with several demands and prints the shares.
+"""
+
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +14,7 @@ import shapely
 
 from drake_gnnocp import Scenario, plan
 from drake_gnnocp.command_line import main
+from drake_gnnocp.experiments.benchmark.tasks import drawn_tasks
 from drake_gnnocp.ocp.formulation import demand_of
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.simulation import drive
@@ -41,7 +47,7 @@ def distances(result: Plan) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("asked", [0.2, 0.5])
 def test_what_is_asked_for_is_kept(asked: float) -> None:
     result = plan(CORNER, clearance=asked)
-    assert result.verified and result.scenario.clearance == asked
+    assert result.verified and result.scenario.clearance == asked and lacking(result) <= PROVEN_WITHIN
     assert distances(result)[1].min() >= asked - PROVEN_WITHIN
 
 
@@ -83,3 +89,47 @@ def test_the_command_line_takes_a_clearance(tmp_path: Path, capsys: pytest.Captu
     assert Scenario.load(tmp_path / "out" / "scenario.json").clearance == 0.4
     assert main([*arguments, "--clearance", "-1"]) == 2
     assert "clearance: must be 0 to 100 m, not -1" in capsys.readouterr().err
+
+
+def lacking(result: Plan) -> float:
+    """How much the driven plan lacks of what its scenario asks for at worst, looked at every 5 ms [m]."""
+    scenario, (axle, found) = result.scenario, distances(result)
+    asked = np.full(len(found), scenario.clearance)
+    for end, at_end in ((scenario.start, found[0]), (scenario.goal, distance_at(scenario, scenario.goal))):
+        near = np.linalg.norm(axle - end[:2], axis=1) < scenario.vehicle.length
+        asked[near] = np.minimum(asked[near], at_end)
+    return float((asked - found).max())
+
+
+def distance_at(scenario: Scenario, pose: np.ndarray) -> float:
+    car = shapely.Polygon(scenario.vehicle.footprints(pose)[0])
+    return float(car.distance(shapely.union_all(list(scenario.polygons))))
+
+
+def figure(n: int) -> None:
+    """Print what demands cost on n tasks, each beside no demand."""
+    tasks = [task.local for task in drawn_tasks(n)]
+    usual: list[Plan] = []
+    for asked in (0.0, 0.1, 0.2, 0.3):
+        begin = time.process_time()
+        plans = [plan(task, clearance=asked, max_seconds=20.0) for task in tasks]
+        seconds = time.process_time() - begin
+        usual = usual or plans
+        verified = [i for i, made in enumerate(plans) if made.verified]
+        both = [i for i in verified if usual[i].verified]
+        ratios = [plans[i].cost.J / usual[i].cost.J for i in both]  # type: ignore[union-attr]
+        worst = max(lacking(plans[i]) for i in verified)
+        print(
+            f"{asked:.1f} m: {len(verified)} of {n} verified, lacking {max(worst, 0.0) * 1e3:.2f} mm at worst,", end=" "
+        )
+        print(f"cost ratio median {np.median(ratios):.3f}, p95 {np.quantile(ratios, 0.95):.3f},", end=" ")
+        print(f"{seconds / n:.2f} s of processor a task", flush=True)
+    comfortable = sum(
+        made.verified and lacking(replace(made, scenario=replace(made.scenario, clearance=0.1))) < 1e-3
+        for made in usual
+    )
+    print(f"without a demand {comfortable} of {n} keep 0.1 m by the same rule")
+
+
+if __name__ == "__main__":
+    figure(int(sys.argv[1]))

@@ -7,10 +7,16 @@ limited-memory BFGS, and `warm_start_init_point` must stay off (it needs dual va
 from __future__ import annotations
 
 import re
+import signal
 import tempfile
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import NoReturn
 
 import numpy as np
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SolverOptions
@@ -75,13 +81,35 @@ def solve(
         for name, value in _options(hessian, min(max(max_seconds, SHORTEST_TIME), LONGEST_TIME), settings, log).items():
             options.SetOption(solver.solver_id(), name, value)
         start = time.perf_counter()
-        with drake_lines():
+        with drake_lines(), _interruptible():
             result = solver.Solve(program, guess, options)
         seconds = time.perf_counter() - start
         iterations = _iterations(log)
     violated = () if result.is_success() else tuple(result.GetInfeasibleConstraintNames(program))
     status = result.get_solver_details().ConvertStatusToString()
     return Solution(result.get_x_val(), result.is_success(), status, iterations, seconds, violated)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C is raised again after a solve: in a callback it ends the solve, but Ipopt keeps it to itself."""
+    pressed: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> NoReturn:
+        pressed.append(number)
+        raise KeyboardInterrupt
+
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 def _options(hessian: float, max_seconds: float, settings: IpoptSettings, log: Path) -> dict[str, float | int | str]:
