@@ -138,6 +138,15 @@ def a_guess_that_fails(scenario: Scenario, budget: Budget) -> Iterator[Guess | N
     yield from Straight(60).guesses(scenario, budget)
 
 
+@pytest.fixture
+def heeding_ctrl_c() -> Iterator[None]:
+    """Ctrl-C as in a terminal: jobs in the background are started without."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeding_ctrl_c")
 def test_an_interrupted_plan_has_the_best_attempt_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(PlanInterrupted) as interruption:
         plan(FIELD, PressesCtrlC(lambda *_: iter([])))
@@ -173,6 +182,7 @@ def test_ctrl_c_writes_the_best_plan_so_far_or_says_that_there_is_none(
 def test_ctrl_c_while_ipopt_solves_ends_the_command_with_one_line(tmp_path: Path) -> None:
     code = """
 import os, signal, sys, tempfile
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which jobs in the background are started without
 from drake_gnnocp.command_line import main, run_command
 from drake_gnnocp.ocp import nlp, rows
 from drake_gnnocp.ocp.ipopt import IpoptSolver
