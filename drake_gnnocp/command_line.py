@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -24,7 +25,7 @@ from drake_gnnocp.planner.planner import PlanInterrupted, plan
 from drake_gnnocp.planner.result import FILES, Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
-DONE, BAD_INPUT, NOT_VERIFIED, NOT_WRITTEN, INTERRUPTED = 0, 2, 3, 4, 130  # exit codes
+DONE, BAD_INPUT, NOT_VERIFIED, NOT_WRITTEN, INTERRUPTED, NOBODY_READS = 0, 2, 3, 4, 130, 141  # exit codes
 OUTPUTS = (*FILES, "plan.png", "states.png", "replay.html")
 
 
@@ -100,12 +101,17 @@ def failed(error: Exception, out: Path) -> int:
 
 
 def run_command(main: Callable[[], int]) -> int:
-    """Run the `main` of a command, which Ctrl-C ends with one line on stderr; returns the exit code."""
+    """Run the `main` of a command; Ctrl-C is one line on stderr, and a closed pipe nothing. Returns the exit code."""
     try:
-        return main()
+        exit_code = main()
+        sys.stdout.flush()
+        return exit_code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:  # whoever read what is printed has gone; Python would complain of it at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return NOBODY_READS
 
 
 def command_of(module: str) -> int:

@@ -247,3 +247,9 @@ def test_a_folder_of_the_packages_name_hides_none_of_its_files(tmp_path: Path) -
     command = [sys.executable, "-m", "drake_gnnocp.plan", "--list"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "map_a" in done.stdout, done.stderr
+
+
+def test_a_pipe_that_is_closed_is_no_traceback() -> None:
+    command = f"{sys.executable} -m drake_gnnocp.plan --list | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.stdout, done.stderr) == ("141\n", "")
