@@ -132,8 +132,8 @@ class Scenario:
     def outline(self) -> shapely.MultiLineString:
         """The outline of `blocked`, with gaps that are narrower than half the car filled."""
         gap = self.vehicle.width / 4
-        filled = shapely.buffer(shapely.MultiPolygon(self.blocked), gap, join_style="mitre")
-        filled = shapely.buffer(filled, -gap, join_style="mitre")
+        grown = shapely.union_all(shapely.buffer(np.array(self.blocked, dtype=object), gap, join_style="mitre"))
+        filled = shapely.buffer(shapely.get_parts(grown), -gap, join_style="mitre")
         rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
         return shapely.MultiLineString([shapely.LineString(ring) for ring in rings])
 
