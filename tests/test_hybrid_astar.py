@@ -27,7 +27,7 @@ DENSE = 0.05  # m, spacing of the independent check
 INTEGRATION = 1e-9  # m and rad, rounding of some hundred arcs driven one after the other
 UNLIMITED = Budget.unlimited()
 LATE = 10  # looks at the clock after the budget is over: every layer of the search takes one
-TPCAP = Path("/work/shared/scenarios/tpcap")
+TPCAP = Path(__file__).parents[2] / "shared" / "scenarios" / "tpcap"
 
 
 def box(cx: float, cy: float, width: float, height: float) -> np.ndarray:
