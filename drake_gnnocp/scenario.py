@@ -153,6 +153,13 @@ class Scenario:
         ends = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
         return shapely.distance(np.array(self.convex_polygons, dtype=object)[:, None], ends).min(axis=1)
 
+    @cached_property
+    def nearest_at_ends(self) -> np.ndarray:
+        """Distances of the car at start and goal from the nearest obstacle: (2,), infinite without one [m]."""
+        cars = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
+        polygons = np.array(self.polygons, dtype=object)
+        return np.array([shapely.distance(car, polygons).min(initial=math.inf) for car in cars])
+
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import shapely
 
 from drake_gnnocp.ocp.costs import CostWeights, Proximity, proximity
 from drake_gnnocp.ocp.obstacles import Obstacles
@@ -139,12 +138,10 @@ def formulate(
 
 def demand_of(scenario: Scenario, clearance: float) -> Demand:
     """A clearance [m] asked of a scenario's motion."""
-    ends = np.stack([scenario.start, scenario.goal])
-    cars = shapely.polygons(scenario.vehicle.footprints(ends))
-    to_obstacles = [shapely.distance(car, np.array(scenario.polygons)).min(initial=math.inf) for car in cars]
-    at_ends = np.minimum(to_obstacles, _distances_inside(scenario))
+    ends = np.stack([scenario.start, scenario.goal])[:, :2]
+    at_ends = np.minimum(scenario.nearest_at_ends, _distances_inside(scenario))
     asked = clearance + DEMAND_RESERVE if clearance else 0.0
-    return Demand(asked, ends[:, :2], at_ends, END_RADIUS_SHARE * scenario.vehicle.length)
+    return Demand(asked, ends, at_ends, END_RADIUS_SHARE * scenario.vehicle.length)
 
 
 def bounding_walls(bounds: tuple[float, float, float, float] | None) -> list[np.ndarray]:

@@ -125,10 +125,11 @@ def refine(
         solves.append(solve)
         best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
         if solve.verification.verified:
-            wider = _widened(scenario, formulation, solve, settings, budget)
-            if wider is not None:
+            widened = _widened(scenario, formulation, solve, settings, budget)
+            if widened is not None:
+                wider, is_taken = widened
                 solves.append(wider)
-                best += _is_worth_it(scenario, formulation, solve, wider)
+                best += is_taken
             break
         if not solve.success and formulation.reference is guess and settings is given_settings:
             break  # what it left behind tells nothing, and the next solve would be the same
@@ -169,35 +170,33 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
 
 def _widened(
     scenario: Scenario, formulation: Formulation, solve: Solve, settings: IpoptSettings, budget: Budget
-) -> Solve | None:
-    """A solve for a comfortable clearance, around a verified plan; None where the plan has it, or there is no time."""
-    if not _shortfall(scenario, formulation, solve.trajectory) or budget.is_over:
+) -> tuple[Solve, bool] | None:
+    """A solve for a comfortable clearance, around a verified plan, and whether that is to be taken.
+
+    It is where it is verified, has more clearance where that was short, and costs little more. None where the plan has
+    the clearance, or there is no time.
+    """
+    if formulation.comfort <= scenario.clearance:
         return None
-    wider = answer(scenario, _comfortable(scenario, formulation), solve)
-    return solve_once(scenario, wider, replace(settings, max_iterations=MOST_WIDENING), budget)
+    comfortable = replace(formulation, demand=demand_of(scenario, formulation.comfort))
+    missed = _shortfall(scenario, comfortable, solve.trajectory)
+    if not missed or budget.is_over:
+        return None
+    few = replace(settings, max_iterations=MOST_WIDENING)
+    wider = solve_once(scenario, answer(scenario, comfortable, solve), few, budget)
+    misses = _shortfall(scenario, comfortable, wider.trajectory)
+    is_cheap = _cost(formulation, wider.trajectory) <= DEARER * _cost(formulation, solve.trajectory)
+    return wider, wider.verification.verified and misses < missed and is_cheap
 
 
-def _is_worth_it(scenario: Scenario, formulation: Formulation, solve: Solve, wider: Solve) -> bool:
-    """Whether a solve for more clearance is verified, has more where that is short, and costs little more."""
-    terms = cost_terms(formulation.weights, formulation.proximity)
-    before, after = (
-        total_cost(terms, np.hstack([found.states, found.inputs]), found.duration / (len(found) - 1))
-        for found in (solve.trajectory, wider.trajectory)
-    )
-    missed, misses = (_shortfall(scenario, formulation, found.trajectory) for found in (solve, wider))
-    return wider.verification.verified and misses < missed and after <= DEARER * before
-
-
-def _comfortable(scenario: Scenario, formulation: Formulation) -> Formulation:
-    """The formulation that asks for the comfortable clearance."""
-    return replace(formulation, demand=demand_of(scenario, max(formulation.comfort, scenario.clearance)))
+def _cost(formulation: Formulation, found: Trajectory) -> float:
+    knots, terms = np.hstack([found.states, found.inputs]), cost_terms(formulation.weights, formulation.proximity)
+    return total_cost(terms, knots, found.duration / (len(found) - 1))
 
 
 def _shortfall(scenario: Scenario, formulation: Formulation, found: Trajectory) -> float:
-    """How much a trajectory lacks of the comfortable clearance at worst, 0 where it has that everywhere [m]."""
-    if formulation.comfort <= scenario.clearance:
-        return 0.0
-    around = replace(_comfortable(scenario, formulation), reference=found)
+    """How much a trajectory lacks of the clearance that is asked for at worst, 0 where it has that everywhere [m]."""
+    around = replace(formulation, reference=found)
     close = close_pairs(around, drive(scenario.start, found, scenario.vehicle))
     pairs = np.array(list(close), dtype=int).reshape(-1, 2)
     lacking = around.between(*pairs.T) - np.fromiter(close.values(), float)
