@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.collision import FootprintTest, Margins, clearance, sweep
+from drake_gnnocp.search.collision import FootprintTest, Margins, sweep
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.vehicle import Vehicle
 
@@ -108,7 +108,7 @@ def test_margin_gives_way_around_an_end_with_little_clearance() -> None:
 
 
 def test_clearance_is_infinite_without_obstacles() -> None:
-    assert clearance(Scenario("test", FAR, FAR), FAR) == math.inf
+    assert Scenario("test", FAR, FAR).nearest_at_ends.tolist() == [math.inf, math.inf]
 
 
 def test_no_point_of_the_car_outruns_the_margin_between_two_tested_poses() -> None:

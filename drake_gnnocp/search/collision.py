@@ -26,7 +26,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.distance_field import DistanceField
@@ -52,14 +51,8 @@ class Margins:
     @classmethod
     def of(cls, scenario: Scenario, usual: float) -> Margins:
         """The usual margin [m] where the ends allow it, half the clearance of an end around it otherwise."""
-        ends = [min(usual, 0.5 * clearance(scenario, pose)) for pose in (scenario.start, scenario.goal)]
-        return cls(usual, ends[0], ends[1], end_radius=1.5 * scenario.vehicle.length)
-
-
-def clearance(scenario: Scenario, pose: np.ndarray) -> float:
-    """Distance between the car at a pose (3,) and the nearest obstacle [m]; infinite without obstacles."""
-    car = shapely.Polygon(scenario.vehicle.footprints(pose)[0])
-    return float(np.min(shapely.distance(car, list(scenario.polygons)), initial=math.inf))
+        start, goal = np.minimum(usual, 0.5 * scenario.nearest_at_ends).tolist()
+        return cls(usual, start, goal, end_radius=1.5 * scenario.vehicle.length)
 
 
 class FootprintTest:

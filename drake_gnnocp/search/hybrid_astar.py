@@ -27,7 +27,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.collision import Box, FootprintTest, Margins, clearance
+from drake_gnnocp.search.collision import Box, FootprintTest, Margins
 from drake_gnnocp.search.connection import connect
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.graph_search import CANDIDATES, GraphSearch, Outcome, Query, Resolution
@@ -255,8 +255,8 @@ class _Arena:
         if self._scenario.vehicle.length < SHORTEST_CAR:
             return 0
         finest = _resolution(self._options, SCHEDULE[-1])
-        for query, at_stage in zip(self._queries, exhausted, strict=True):
-            if at_stage and clearance(self._scenario, query.root) > LEAST_CLEARANCE:
+        for query, at_stage, nearest in zip(self._queries, exhausted, self._scenario.nearest_at_ends, strict=True):
+            if at_stage and nearest > LEAST_CLEARANCE:
                 one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest)
                 if one.run(FEW_STATES, self._budget) is Outcome.FINISHED and one.is_exhausted:
                     return one.expansions
