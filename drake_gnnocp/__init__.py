@@ -13,7 +13,7 @@ from drake_gnnocp.guesses import (
 )
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.planner import Attempt, Fixed, FromGuess, MinimumTime, Plan, PlanOptions, plan
-from drake_gnnocp.scenario import Scenario, ScenarioError, bundled_scenarios
+from drake_gnnocp.scenario import Area, Scenario, ScenarioError, bundled_scenarios
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -22,6 +22,7 @@ from drake_gnnocp.verification import Verification, verify
 __version__ = "0.1.0"
 
 __all__ = [
+    "Area",
     "Attempt",
     "CostWeights",
     "Fixed",

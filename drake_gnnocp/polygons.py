@@ -6,7 +6,7 @@ A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -57,6 +57,34 @@ def polygons_of(ring: np.ndarray) -> list[shapely.Polygon]:
     if polygon.is_valid and polygon.area > SMALLEST_AREA:
         return [polygon]
     return _pieces(ring)
+
+
+def simple_polygons(rings: Sequence[np.ndarray]) -> Iterator[shapely.Polygon | None]:
+    """What `polygons_of` gives for each of many rings (N, 2) where that is one plain polygon, at once; else None."""
+    if not rings:
+        return iter(())
+    counts = np.array([len(ring) for ring in rings])
+    corners = np.concatenate(rings)
+    owners = np.repeat(np.arange(len(rings)), counts)
+    first = np.cumsum(counts) - counts
+    following = np.arange(1, len(corners) + 1)
+    following[(first + counts - 1)[counts > 0]] = first[counts > 0]
+    steps = np.linalg.norm(corners[following] - corners, axis=1)
+    is_odd = (counts < 3) | ~np.isfinite(np.bincount(owners, np.abs(corners).sum(axis=1), len(rings)))
+    is_odd[owners[~(steps > SAME_POINT)]] = True
+    relative = corners - corners[np.minimum(first, len(corners) - 1)][owners]
+    doubled = relative[:, 0] * relative[following, 1] - relative[:, 1] * relative[following, 0]
+    is_clockwise = np.bincount(owners, doubled, len(rings)) < 0
+    kept = ~is_odd[owners]
+    turned = (2 * first + counts - 1)[owners] - np.arange(len(corners))  # the same ring from its end
+    order = np.where(is_clockwise[owners], turned, np.arange(len(corners)))[kept]
+    found = np.full(len(rings), None, dtype=object)
+    if not is_odd.all():
+        indices = np.repeat(np.arange(np.count_nonzero(~is_odd)), counts[~is_odd])
+        plain = shapely.polygons(shapely.linearrings(corners[order], indices=indices))
+        plain[~(shapely.is_valid(plain) & (shapely.area(plain) > SMALLEST_AREA))] = None
+        found[~is_odd] = plain
+    return iter(found)
 
 
 def _pieces(ring: np.ndarray) -> list[shapely.Polygon]:

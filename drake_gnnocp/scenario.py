@@ -1,4 +1,4 @@
-"""A planning task: start, goal, polygons, optional bounds and vehicle."""
+"""A planning task: start, goal, what stands in the way, optional bounds and vehicle."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.files import PACKAGE, write_atomically
-from drake_gnnocp.polygons import convex_parts, merged, moved, polygons_of
+from drake_gnnocp.polygons import convex_parts, merged
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
     POSE,
+    REQUIRED_KEYS,
     SUFFIXES,
     ScenarioError,
     as_json,
     checked_fields,
     read_fields,
 )
+from drake_gnnocp.shapes import Area, Shapes, shapes_of
 from drake_gnnocp.vehicle import Vehicle
 
-__all__ = ["Scenario", "ScenarioError", "bundled_scenarios"]
+__all__ = ["Area", "Scenario", "ScenarioError", "bundled_scenarios"]
 
 MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
@@ -42,7 +44,9 @@ logger = logging.getLogger(__name__)
 class Scenario:
     """One planning task. Coordinates in m, headings in rad; poses are those of the middle of the rear axle.
 
-    Start, goal, rings and bounds may be given as lists; they are kept as arrays of doubles (the bounds as a tuple).
+    Start, goal, rings and bounds may be given as lists; they are kept as arrays of doubles (a box as a tuple). Rings
+    (N, 2) are not closed, of either orientation, convex or not; one without area is taken as a line. Bounds are a box
+    or a ring: the whole footprint stays inside.
 
     The clearance is asked of the whole motion, except near an end that leaves less itself: as long as the middle of the
     rear axle is within one length of the car from the start (goal), no more is asked than what the car has there.
@@ -55,15 +59,17 @@ class Scenario:
     name: str
     start: np.ndarray  # (3,) x, y, theta
     goal: np.ndarray  # (3,) x, y, theta
-    obstacles: tuple[np.ndarray, ...] = ()  # rings (N_j, 2), not closed, either orientation, convex or not
-    bounds: tuple[float, float, float, float] | None = None  # xmin, xmax, ymin, ymax: the footprint stays inside
+    obstacles: tuple[np.ndarray | Area, ...] = ()  # rings (N_j, 2), or rings with holes [m]
+    bounds: tuple[float, float, float, float] | np.ndarray | None = None  # xmin, xmax, ymin, ymax, or a ring (N, 2) [m]
     vehicle: Vehicle = field(default_factory=Vehicle)
     clearance: float = 0.0  # m, kept to obstacles and bounds at all times, with the exemption of both ends
+    lines: tuple[np.ndarray, ...] = ()  # polylines (N_j, 2) without thickness [m]
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) x, y, radius (may be 0) [m]
 
     def __post_init__(self) -> None:
         self._convert()
-        _ = self._pieces  # raises where an obstacle is none
-        if self.bounds is not None and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
+        _ = self.shapes  # raises where an obstacle is none
+        if isinstance(self.bounds, tuple) and not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         if not 0 <= self.clearance <= MOST_CLEARANCE:
             raise ScenarioError(f"clearance: must be 0 to {MOST_CLEARANCE:g} m, not {shown(self.clearance)}")
@@ -76,57 +82,62 @@ class Scenario:
     def _convert(self) -> None:
         object.__setattr__(self, "clearance", float(_doubles("clearance", self.clearance, "a number in m", ())))
         vertices, poses = "a list of vertices [x, y]", f"3 finite numbers [{POSE}]"
-        rings = tuple(_doubles(f"obstacles[{j}]", ring, vertices, (-1, 2)) for j, ring in enumerate(self.obstacles))
-        object.__setattr__(self, "obstacles", rings)
+        areas = tuple(_area(f"obstacles[{j}]", obstacle, vertices) for j, obstacle in enumerate(self.obstacles))
+        object.__setattr__(self, "obstacles", areas)
+        lines = tuple(_doubles(f"lines[{j}]", line, vertices, (-1, 2)) for j, line in enumerate(self.lines))
+        object.__setattr__(self, "lines", lines)
+        object.__setattr__(self, "points", _points(self.points))
         for which in ("start", "goal"):
             object.__setattr__(self, which, _doubles(which, getattr(self, which), poses, (3,)))
         if self.bounds is not None:
-            bounds = _doubles("bounds", self.bounds, f"4 numbers [{BOUNDS}]", (4,))
-            object.__setattr__(self, "bounds", tuple(bounds.tolist()))
+            object.__setattr__(self, "bounds", _bounds(self.bounds))
 
     def _check_pose(self, which: str, pose: np.ndarray) -> None:
         if not np.isfinite(pose).all():
             raise ScenarioError(f"{which}: must be 3 finite numbers [{POSE}], not {pose}")
         footprint = self.vehicle.footprints(pose - np.append(pose[:2], 0.0))[0]  # in a frame that moves with the car
-        if self.bounds is not None:
-            low, high = np.reshape(self.bounds, (2, 2)).T - pose[:2]
+        if self.box is not None:
+            low, high = np.reshape(self.box, (2, 2)).T - pose[:2]
             if (footprint < low - COORDINATE_TOLERANCE).any() or (footprint > high + COORDINATE_TOLERANCE).any():
-                raise ScenarioError(f"{which}: the car leaves the bounds {list(self.bounds)}")
-        car = shapely.Polygon(footprint)
-        for j, ring in enumerate(self.obstacles):
-            seen = ring - pose[:2]
-            if (seen.min(axis=0) > footprint.max(axis=0) + COORDINATE_TOLERANCE).any():
-                continue
-            if (seen.max(axis=0) < footprint.min(axis=0) - COORDINATE_TOLERANCE).any():
-                continue
-            if any(car.dwithin(moved(piece, -pose[:2]), COORDINATE_TOLERANCE) for piece in self._pieces[j]):
-                raise ScenarioError(f"{which}: the car collides with obstacles[{j}]")
+                raise ScenarioError(f"{which}: the car leaves the bounds {list(self.box)}")
+        car = shapely.Polygon(footprint + pose[:2])
+        if self.shapes.fence is not None and not self.shapes.fence.contains_properly(car):
+            raise ScenarioError(f"{which}: the car leaves the bounds, or touches them")
+        seen = self.shapes.near(car, COORDINATE_TOLERANCE).mapped(lambda points: points - pose[:2])
+        if (touched := seen.touched_by(shapely.Polygon(footprint), COORDINATE_TOLERANCE)) is not None:
+            raise ScenarioError(f"{which}: the car collides with {touched}")
 
     @cached_property
-    def polygons(self) -> tuple[shapely.Polygon, ...]:
-        """The obstacles as exact simple polygons (an obstacle that touches itself gives several)."""
-        return tuple(piece for pieces in self._pieces for piece in pieces)
+    def shapes(self) -> Shapes:
+        """What stands in the way, exactly."""
+        try:
+            fence = self.bounds if isinstance(self.bounds, np.ndarray) else None
+            return shapes_of(self.obstacles, self.lines, self.points, fence)
+        except ValueError as error:
+            raise ScenarioError(str(error)) from None
 
-    @cached_property
-    def _pieces(self) -> tuple[list[shapely.Polygon], ...]:
-        """The polygons of every obstacle."""
-        found = []
-        for j, ring in enumerate(self.obstacles):
-            try:
-                found.append(polygons_of(ring))
-            except ValueError as error:
-                raise ScenarioError(f"obstacles[{j}]: {error}") from None
-        return tuple(found)
+    @property
+    def box(self) -> tuple[float, float, float, float] | None:
+        """The bounds, or the box around them where they are a ring: xmin, xmax, ymin, ymax [m]."""
+        if not isinstance(self.bounds, np.ndarray):
+            return self.bounds
+        (xmin, ymin), (xmax, ymax) = self.bounds.min(axis=0).tolist(), self.bounds.max(axis=0).tolist()
+        return xmin, xmax, ymin, ymax
+
+    @property
+    def polygons(self) -> np.ndarray:
+        """What stands in the way as simple polygons: (P,); lines are as thick as a hair, a fence is a frame."""
+        return self.shapes.areas
 
     @cached_property
     def centroids(self) -> np.ndarray:
         """Geometric centres of the obstacles: (J, 2) [m]."""
-        return np.array([[polygon.centroid.x, polygon.centroid.y] for polygon in self.polygons]).reshape(-1, 2)
+        return shapely.get_coordinates(shapely.centroid(self.polygons))
 
     @cached_property
     def blocked(self) -> tuple[shapely.Polygon, ...]:
         """The region that the obstacles cover, however they are cut: polygons that do not touch, holes possible."""
-        return tuple(merged(self.polygons))
+        return tuple(merged(list(self.polygons)))
 
     @cached_property
     def outline(self) -> shapely.MultiLineString:
@@ -157,8 +168,7 @@ class Scenario:
     def nearest_at_ends(self) -> np.ndarray:
         """Distances of the car at start and goal from the nearest obstacle: (2,), infinite without one [m]."""
         cars = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
-        polygons = np.array(self.polygons, dtype=object)
-        return np.array([shapely.distance(car, polygons).min(initial=math.inf) for car in cars])
+        return self.shapes.distances(cars)
 
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
@@ -167,15 +177,28 @@ class Scenario:
         checked is not checked again: rounding could close a gap of a few nanometres, or push a car over the bounds.
         """
         offset, shifted = np.array([dx, dy]), object.__new__(type(self))
-        bounds = None if self.bounds is None else tuple((self.bounds + offset.repeat(2)).tolist())
+
+        def change(points: np.ndarray) -> np.ndarray:
+            return points + offset
+
+        bounds = self.bounds
+        if bounds is not None:
+            bounds = change(bounds) if isinstance(bounds, np.ndarray) else tuple((bounds + offset.repeat(2)).tolist())
         shifted.__dict__.update(
             {known.name: getattr(self, known.name) for known in fields(self)},
             start=self.start + np.append(offset, 0.0),
             goal=self.goal + np.append(offset, 0.0),
-            obstacles=tuple(ring + offset for ring in self.obstacles),
+            obstacles=tuple(
+                change(obstacle)
+                if isinstance(obstacle, np.ndarray)
+                else Area(change(obstacle.ring), tuple(change(hole) for hole in obstacle.holes))
+                for obstacle in self.obstacles
+            ),
+            lines=tuple(change(line) for line in self.lines),
+            points=self.points + np.append(offset, 0.0),
             bounds=bounds,
-            _pieces=tuple([moved(piece, offset) for piece in pieces] for pieces in self._pieces),
-            convex_obstacles=tuple(part + offset for part in self.convex_obstacles),
+            shapes=self.shapes.mapped(change),
+            convex_obstacles=tuple(change(part) for part in self.convex_obstacles),
         )
         return shifted
 
@@ -208,7 +231,8 @@ class Scenario:
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario in the keys of the JSON format; `from_dict` gives it back exactly."""
-        return as_json({key: getattr(self, key) for key in KEYS})
+        data = as_json({key: getattr(self, key) for key in KEYS})
+        return {key: value for key, value in data.items() if key in REQUIRED_KEYS or value != []}
 
     def save(self, path: Path | str) -> None:
         """Write the scenario as JSON."""
@@ -233,3 +257,33 @@ def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.
     if array.ndim != len(shape) or any(n not in (-1, size) for n, size in zip(shape, array.shape, strict=True)):
         raise ScenarioError(f"{what}: must be {meaning}, not {shown(value)}")
     return array
+
+
+def _area(what: str, value: Any, meaning: str) -> np.ndarray | Area:
+    if not isinstance(value, Area):
+        return _doubles(what, value, meaning, (-1, 2))
+    holes = (_doubles(f"{what}.holes[{k}]", hole, meaning, (-1, 2)) for k, hole in enumerate(value.holes))
+    return Area(_doubles(what, value.ring, meaning, (-1, 2)), tuple(holes))
+
+
+def _points(value: Any) -> np.ndarray:
+    if not len(value):
+        return np.empty((0, 3))
+    points = _doubles("points", value, "a list of [x, y, r]", (-1, 3))
+    if not (np.isfinite(points).all() and (points[:, 2] >= 0).all()):
+        raise ScenarioError("points: must be finite, with a radius of 0 or more")
+    return points
+
+
+def _bounds(value: Any) -> tuple[float, float, float, float] | np.ndarray:
+    """A box as a tuple, also where it is given as a ring; another ring as an array."""
+    if np.ndim(value) == 1:
+        xmin, xmax, ymin, ymax = _doubles("bounds", value, f"4 numbers [{BOUNDS}], or a ring", (4,)).tolist()
+        return xmin, xmax, ymin, ymax
+    ring = _doubles("bounds", value, f"4 numbers [{BOUNDS}], or a list of at least 3 vertices [x, y]", (-1, 2))
+    if not len(ring) or not np.isfinite(ring).all():
+        raise ScenarioError("bounds: must be finite vertices [x, y]")
+    (xmin, ymin), (xmax, ymax) = ring.min(axis=0).tolist(), ring.max(axis=0).tolist()
+    box = shapely.box(xmin, ymin, xmax, ymax)
+    is_box = len(ring) in (4, 5) and bool(shapely.Polygon(ring).equals(box))
+    return (xmin, xmax, ymin, ymax) if is_box else ring

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from drake_gnnocp.files import parse_json, read_text
+from drake_gnnocp.shapes import Area
 from drake_gnnocp.vehicle import Vehicle
 
 SUFFIXES = (".json", ".csv")
@@ -69,6 +70,8 @@ def as_json(value: Any) -> Any:
         return value.to_dict()
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, Area):
+        return as_json(value._asdict())
     return [as_json(inner) for inner in value] if isinstance(value, tuple) else value
 
 
@@ -95,7 +98,9 @@ def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
     return np.array(value, dtype=float)
 
 
-def _bounds(value: Any) -> tuple[float, ...]:
+def _bounds(value: Any) -> tuple[float, ...] | np.ndarray:
+    if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
+        return _vertices("bounds", value, least=3)
     return tuple(_numbers("bounds", value, BOUNDS).tolist())
 
 
@@ -105,15 +110,53 @@ def _clearance(value: Any) -> float:
     return value
 
 
-def _rings(value: Any) -> tuple[np.ndarray, ...]:
+def _obstacles(value: Any) -> tuple[np.ndarray | Area, ...]:
     if not isinstance(value, list | tuple):
         raise ScenarioError(f"obstacles: must be a list of polygons, not {shown(value)}")
-    rings = []
-    for j, ring in enumerate(value):
-        if not isinstance(ring, list | tuple) or len(ring) < 3:
-            raise ScenarioError(f"obstacles[{j}]: must be a list of at least 3 vertices [x, y], not {shown(ring)}")
-        rings.append(np.array([_numbers(f"obstacles[{j}][{k}]", vertex, "x, y") for k, vertex in enumerate(ring)]))
-    return tuple(rings)
+    return tuple(
+        _area(f"obstacles[{j}]", obstacle)
+        if isinstance(obstacle, dict)
+        else _vertices(f"obstacles[{j}]", obstacle, least=3)
+        for j, obstacle in enumerate(value)
+    )
+
+
+def _area(what: str, value: dict[str, Any]) -> Area:
+    for key in value:
+        if key not in Area._fields:
+            raise ScenarioError(f"{what}.{key}: unknown key; allowed are {', '.join(Area._fields)}")
+    if "ring" not in value:
+        raise ScenarioError(f"{what}.ring: missing")
+    holes = value.get("holes") or []
+    if not isinstance(holes, list | tuple):
+        raise ScenarioError(f"{what}.holes: must be a list of polygons, not {shown(holes)}")
+    rings = tuple(_vertices(f"{what}.holes[{k}]", hole, least=3) for k, hole in enumerate(holes))
+    return Area(_vertices(f"{what}.ring", value["ring"], least=3), rings)
+
+
+def _lines(value: Any) -> tuple[np.ndarray, ...]:
+    if not isinstance(value, list | tuple):
+        raise ScenarioError(f"lines: must be a list of polylines, not {shown(value)}")
+    return tuple(_vertices(f"lines[{j}]", line, least=2) for j, line in enumerate(value))
+
+
+def _points(value: Any) -> np.ndarray:
+    if not isinstance(value, list | tuple):
+        raise ScenarioError(f"points: must be a list of [x, y] or [x, y, r], not {shown(value)}")
+    points = np.zeros((len(value), 3))
+    for k, point in enumerate(value):
+        meaning = "x, y" if isinstance(point, list | tuple) and len(point) == 2 else "x, y, r"
+        numbers = _numbers(f"points[{k}]", point, meaning)
+        points[k, : len(numbers)] = numbers
+        if points[k, 2] < 0:
+            raise ScenarioError(f"points[{k}]: must have a radius of 0 or more, not {points[k, 2]:g}")
+    return points
+
+
+def _vertices(what: str, value: Any, least: int) -> np.ndarray:
+    if not isinstance(value, list | tuple) or len(value) < least:
+        raise ScenarioError(f"{what}: must be a list of at least {least} vertices [x, y], not {shown(value)}")
+    return np.array([_numbers(f"{what}[{k}]", vertex, "x, y") for k, vertex in enumerate(value)])
 
 
 def _vehicle(value: Any) -> Vehicle:
@@ -129,10 +172,12 @@ PARSERS: dict[str, Callable[[Any], Any]] = {
     "name": _name,
     "start": partial(_numbers, "start", meaning=POSE),
     "goal": partial(_numbers, "goal", meaning=POSE),
-    "obstacles": _rings,
+    "obstacles": _obstacles,
     "bounds": _bounds,
     "vehicle": _vehicle,
     "clearance": _clearance,
+    "lines": _lines,
+    "points": _points,
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]

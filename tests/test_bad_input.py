@@ -14,6 +14,7 @@ from drake_gnnocp.guesses import learned as guess_module
 
 BAD_INPUT = 2  # exit code
 TRIANGLE = [[8, 8], [9, 8], [8, 9]]
+SQUARE = [[20, 20], [24, 20], [24, 24], [20, 24]]
 GOOD: dict[str, Any] = {"name": "task", "start": [0, 0, 0], "goal": [12, 0, 0], "obstacles": [TRIANGLE]}
 BOX = [[-50, -50], [50, -50], [50, 50], [-50, 50]]
 AT_GOAL = [[11, -5], [17, -5], [17, 5], [11, 5]]
@@ -63,8 +64,18 @@ JSON_FILES: list[tuple[Any, str]] = [
     ({**GOOD, "bounds": [-9, 30, -9, float("nan")]}, "bounds[3]: must be finite"),
     # polygons
     (obstacle([[20, 20], [24, 24], [24, 20], [20, 24]]), "obstacles[1]: crosses itself"),
-    (obstacle([[20, 20], [22, 22], [24, 24]]), "obstacles[1]: has no area"),
-    (obstacle([[20, 20], [22, 22], [22, 22]]), "obstacles[1]: has fewer than 3 different vertices"),
+    (obstacle([[2, 2], [2, -2], [2, 2]]), "start: the car collides with obstacles[1]"),
+    (obstacle({"ring": [[20, 20], [24, 20], [24, 24]], "hole": []}), "obstacles[1].hole: unknown key; allowed"),
+    (obstacle({"holes": []}), "obstacles[1].ring: missing"),
+    (obstacle({"ring": [[20, 20], [24, 20], [24, 24]], "holes": [[[0, 0]]]}), "obstacles[1].holes[0]: must be a list"),
+    (obstacle({"ring": SQUARE, "holes": [SQUARE]}), "obstacles[1]: its holes leave no area"),
+    ({**GOOD, "lines": [[[20, 20]]]}, "lines[0]: must be a list of at least 2 vertices [x, y], not [[20.0"),
+    ({**GOOD, "lines": [[[2, 3], [2, -3]]]}, "start: the car collides with lines[0]"),
+    ({**GOOD, "points": [[20, 20], [3, 0]]}, "start: the car collides with points[1]"),
+    ({**GOOD, "points": [[20, 20, -1]]}, "points[0]: must have a radius of 0 or more, not -1"),
+    ({**GOOD, "points": [[20]]}, "points[0]: must be 3 numbers [x, y, r], not [20.0]"),
+    ({**GOOD, "bounds": [[-9, -9], [30, -9], [30, 9], [-9, 8], [0, 0]]}, "start: the car leaves the bounds, or"),
+    ({**GOOD, "bounds": [[-9, -9], [30, 9], [30, -9], [-9, 8]]}, "bounds: crosses itself"),
     (obstacle([[20, 20], [26, 20], [24, 20], [24, 24]]), "obstacles[1]: has no area, or runs back along one"),
     # poses
     (obstacle([[2, 0], [3, 0], [3, 5]]), "start: the car collides with obstacles[1]"),
@@ -102,7 +113,8 @@ JSON_FILES: list[tuple[Any, str]] = [
     ("\ufeff \n", "file: is empty"),
     (
         "[]",
-        "scenario: must be an object with the keys name, start, goal, obstacles, bounds, vehicle, clearance, not []",
+        "scenario: must be an object with the keys name, start, goal, obstacles, bounds, vehicle, clearance, lines, "
+        "points, not []",
     ),
     ("3", "scenario: must be an object with the keys"),
     ('{"name": "a", "name": "b"}', "name: appears twice"),

@@ -48,9 +48,9 @@ def fine_states(start: np.ndarray, trajectory: Trajectory, wheelbase: float, ste
 
 def least_distance(scenario: Scenario, corners: np.ndarray) -> float:
     """Of footprints (M, 4, 2) from the polygons: all are looked at that the way from a neighbour leaves in question."""
-    if not scenario.polygons:
+    if not len(scenario.polygons):
         return math.inf
-    polygons = np.array(scenario.polygons)
+    polygons = scenario.polygons
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=2).max(axis=1)))
     some = np.unique(np.append(np.arange(0, len(corners), 100), len(corners) - 1))
 

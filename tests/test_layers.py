@@ -12,7 +12,7 @@ import pytest
 import drake_gnnocp
 
 PACKAGE = Path(drake_gnnocp.__file__).parent
-CORE = {"files", "budget", "drake_log", "vehicle", "polygons", "scenario_files", "trajectory", "scenario"}
+CORE = {"files", "budget", "drake_log", "vehicle", "polygons", "shapes", "scenario_files", "trajectory", "scenario"}
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below
     CORE,
     {"simulation", "verification", "search", "timing", "learning"},

@@ -111,7 +111,8 @@ def test_maps_c_and_d_have_irregular_polygons_only(name: str) -> None:
 
 
 def test_thin_walls_are_thin() -> None:
-    walls = [ring for ring in Scenario.load("thin_walls").obstacles if sides(ring).min() <= THIN]
+    rings = [np.asarray(ring) for ring in Scenario.load("thin_walls").obstacles]
+    walls = [ring for ring in rings if sides(ring).min() <= THIN]
     assert len(walls) >= 5
     assert all(sides(wall).max() >= SLENDER * sides(wall).min() for wall in walls)
 

@@ -64,7 +64,7 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
         outlines = [_few_vertices(np.array(outline.coords)) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
-    if scenario.bounds is not None:
+    if isinstance(scenario.bounds, tuple):
         groups.extend(np.array([wall]) for wall in _walls(scenario, scenario.bounds))
     if not groups:  # one obstacle that is only padding
         return np.zeros((1, 1, 4)), np.zeros((1, 1), dtype=bool)

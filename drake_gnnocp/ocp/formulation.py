@@ -110,7 +110,7 @@ def formulate(
         minimum_time: whether the duration is minimised; knots slide far along the path then, so that no trust region
             can be set around the reference.
     """
-    walls = bounding_walls(scenario.bounds)
+    walls = bounding_walls(scenario.bounds if isinstance(scenario.bounds, tuple) else None)
     n, n_walls = len(scenario.convex_obstacles), len(walls)
     inside = np.full(n_walls, _distances_inside(scenario).min())
     allowed = END_SHARE * float(scenario.end_clearances.min(initial=math.inf))
@@ -156,7 +156,7 @@ def bounding_walls(bounds: tuple[float, float, float, float] | None) -> list[np.
 
 def _distances_inside(scenario: Scenario) -> np.ndarray:
     """How far inside the bounds the car is at start and goal: (2,), infinite without bounds [m]."""
-    if scenario.bounds is None:
+    if not isinstance(scenario.bounds, tuple):
         return np.full(2, math.inf)
     ends = scenario.vehicle.footprints(np.stack([scenario.start, scenario.goal]))
     low, high = np.reshape(scenario.bounds, (2, 2)).T

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.patches import Polygon
 from matplotlib.path import Path
 
 from drake_gnnocp.pictures import style
-from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_polygons, relative_poses
+from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
@@ -58,10 +58,10 @@ def draw_map(
     """
     origin = readable_origin(scenario)
     style.dress(ax)
-    _draw_obstacles(ax, relative_polygons(scenario, origin))
+    _draw_obstacles(ax, scenario, origin)
     if (bounds := relative_bounds(scenario, origin)) is not None:
         look: dict[str, Any] = {"fill": False, "ec": style.LIMIT, "ls": (0, (6, 2, 1, 2)), "label": "bounds"}
-        ax.add_patch(Rectangle(bounds[0], *(bounds[1] - bounds[0]), **look))  # dash-dotted
+        ax.add_patch(Polygon(shapely.get_coordinates(bounds), **look))  # dash-dotted
     if trajectory is not None:
         _draw_footprints(ax, scenario.vehicle, relative_poses(trajectory.poses, origin))
     if guess is not None:
@@ -118,12 +118,22 @@ def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.nd
     return trajectory.column(State.X) - origin[0], trajectory.column(State.Y) - origin[1]
 
 
-def _draw_obstacles(ax: Axes, polygons: list[shapely.Polygon]) -> None:
-    for i, polygon in enumerate(polygons):
-        rings = [np.asarray(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
-        outline = Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
-        look = {"label": "obstacles"} if i == 0 else {}
-        ax.add_patch(PathPatch(outline, fc=style.OBSTACLE, ec=style.OBSTACLE_EDGE, lw=0.8, zorder=2, **look))
+def _draw_obstacles(ax: Axes, scenario: Scenario, origin: np.ndarray) -> None:
+    shapes = scenario.shapes.mapped(lambda points: points - origin)
+    if len(shapes.polygons):
+        outlines = [_compound_path(polygon) for polygon in shapes.polygons]
+        look: dict[str, Any] = {"fc": style.OBSTACLE, "ec": style.OBSTACLE_EDGE, "linewidths": 0.8}
+        ax.add_collection(PathCollection(outlines, label="obstacles", zorder=2, **look), autolim=False)
+    if len(shapes.lines):
+        lines = [shapely.get_coordinates(line) for line in shapes.lines]
+        look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round"}
+        look["label"] = None if len(shapes.polygons) else "obstacles"
+        ax.add_collection(LineCollection(lines, zorder=2, **look), autolim=False)
+
+
+def _compound_path(polygon: shapely.Polygon) -> Path:
+    rings = shapely.get_rings(polygon)
+    return Path.make_compound_path(*(Path(shapely.get_coordinates(ring), closed=True) for ring in rings))
 
 
 def _draw_footprints(ax: Axes, vehicle: Vehicle, poses: np.ndarray) -> None:

@@ -149,14 +149,13 @@ def _add_ground(meshcat: Meshcat, half_size: np.ndarray) -> None:
 
 def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> None:
     """The obstacles as walls with a dark upper edge, and the bounds as a kerb just outside of them."""
-    for j, polygon in enumerate(scenario.polygons):
+    for j, polygon in enumerate(scenario.shapes.things):
         _paint(meshcat, f"obstacles/{j}/body", polygon, WALL_HEIGHT, WALL, origin)
         for k, ring in enumerate((polygon.exterior, *polygon.interiors)):
             edge = np.column_stack([np.asarray(ring.coords) - origin, np.full(len(ring.coords), WALL_HEIGHT + 0.01)])
             meshcat.SetLine(f"obstacles/{j}/edge{k}", edge.T, 1.0, WALL_EDGE)
     if (bounds := relative_bounds(scenario, origin)) is not None:
-        inside = shapely.box(*bounds.ravel())
-        kerb = shapely.box(*(bounds + [[-KERB], [KERB]]).ravel()) - inside  # far away, rounding may leave none
+        kerb = bounds.buffer(KERB, join_style="mitre") - bounds  # far away, rounding may leave none
         _paint(meshcat, "bounds", kerb, KERB, WALL_EDGE)
 
 

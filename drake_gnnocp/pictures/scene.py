@@ -25,14 +25,11 @@ def readable_origin(scenario: Scenario) -> np.ndarray:
     return np.round(start) if np.abs(start).max() > FAR_AWAY else np.zeros(2)
 
 
-def relative_polygons(scenario: Scenario, origin: np.ndarray) -> list[shapely.Polygon]:
-    """The exact obstacles relative to an origin (2,) [m]."""
-    return [moved(polygon, -origin) for polygon in scenario.polygons]
-
-
-def relative_bounds(scenario: Scenario, origin: np.ndarray) -> np.ndarray | None:
-    """Lower left and upper right corner (2, 2) of the bounds relative to an origin (2,) [m], None without bounds."""
-    return None if scenario.bounds is None else np.array(scenario.bounds).reshape(2, 2).T - origin
+def relative_bounds(scenario: Scenario, origin: np.ndarray) -> shapely.Polygon | None:
+    """What is inside the bounds relative to an origin (2,) [m], None without bounds."""
+    if isinstance(scenario.bounds, tuple):
+        return shapely.box(*(np.reshape(scenario.bounds, (2, 2)).T - origin).ravel())
+    return None if scenario.shapes.fence is None else moved(scenario.shapes.fence, -origin)
 
 
 def relative_poses(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
@@ -50,9 +47,9 @@ def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin
         (2, 2) lower left and upper right corner relative to the origin [m].
     """
     ends = scenario.vehicle.footprints(relative_poses(np.stack([scenario.start, scenario.goal]), origin))
-    points = [ends.reshape(-1, 2), *(ring - origin for ring in scenario.obstacles)]
+    points = [ends.reshape(-1, 2), shapely.get_coordinates(scenario.shapes.all) - origin]
     if (bounds := relative_bounds(scenario, origin)) is not None:
-        points.append(bounds)
+        points.append(shapely.get_coordinates(bounds))
     low, high = points[0].min(axis=0), points[0].max(axis=0)
     room = max(LEAST_ROOM, ROOM * float((high - low).max()))
     fixed = np.concatenate(points).clip(low - room, high + room)

@@ -106,12 +106,12 @@ class _Task:
     @cached_property
     def obstacles(self) -> shapely.Geometry:
         """All of them, touching ones made one; within `_simpler` of their outlines."""
-        return shapely.simplify(shapely.union_all(list(self._scenario.polygons)), self._simpler)
+        return shapely.simplify(shapely.union_all(self._scenario.polygons), self._simpler)
 
     @cached_property
     def has_many_corners(self) -> bool:
         """Whether a disc's free space takes so long that it should be made only once."""
-        return sum(map(len, self._scenario.obstacles)) > MOST_CORNERS
+        return shapely.get_num_coordinates(self._scenario.polygons).sum() > MOST_CORNERS
 
     @property
     def _simpler(self) -> float:
@@ -149,13 +149,13 @@ class _Task:
 
     def _room(self, half_x: float, half_y: float) -> shapely.Geometry:
         """Where the middle of a body of this extent may be: in the bounds, or in a box with a way around everything."""
-        if self._scenario.bounds is not None:
-            xmin, xmax, ymin, ymax = self._scenario.bounds
+        if self._scenario.box is not None:
+            xmin, xmax, ymin, ymax = self._scenario.box
             low, high = np.array([xmin + half_x, ymin + half_y]), np.array([xmax - half_x, ymax - half_y])
             if (low > high).any():  # where that is rounding, the ends are within the slack of the middle
                 low = high = 0.5 * (low + high)
         else:
-            points = np.concatenate([self.middles, *self._scenario.obstacles])
+            points = np.concatenate([self.middles, shapely.get_coordinates(self._scenario.polygons)])
             low, high = points.min(axis=0) - 3 * self.reach, points.max(axis=0) + 3 * self.reach
         return shapely.box(*low, *high)
 

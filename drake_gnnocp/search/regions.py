@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import Box
@@ -20,7 +21,7 @@ def search_regions(scenario: Scenario) -> list[Box]:
     """
     vehicle = scenario.vehicle
     ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
-    everything = np.concatenate([ends, *scenario.obstacles])
+    everything = np.concatenate([ends, shapely.get_coordinates(scenario.polygons)])
     room = max(ROOM, 2.0 * vehicle.turning_radius + vehicle.length)
     low, high = everything.min(axis=0) - room, everything.max(axis=0) + room
     surroundings = _clipped(scenario, ends, DETOUR, low, high)
@@ -32,7 +33,7 @@ def _clipped(scenario: Scenario, ends: np.ndarray, detour: float, low: np.ndarra
     """The box from low to high (2,), no further than `detour` from the ends (N, 2) and within the bounds [m]."""
     low = np.maximum(low, ends.min(axis=0) - detour)
     high = np.minimum(high, ends.max(axis=0) + detour)
-    if scenario.bounds is not None:
-        low = np.maximum(low, scenario.bounds[0::2])
-        high = np.minimum(high, scenario.bounds[1::2])
+    if scenario.box is not None:
+        low = np.maximum(low, scenario.box[0::2])
+        high = np.minimum(high, scenario.box[1::2])
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])

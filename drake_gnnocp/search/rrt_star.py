@@ -71,7 +71,7 @@ class _Lines:
         self._half_length, self._half_width = 0.5 * vehicle.length, 0.5 * vehicle.width
         self._disc_radius = disc_radius
         self._low, self._high = np.array(region[0::2]), np.array(region[1::2])
-        self._blocked = shapely.union_all(list(scenario.polygons))
+        self._blocked = shapely.union_all(scenario.polygons)
         shapely.prepare(self._blocked)
 
     def is_free(self, a: np.ndarray, b: np.ndarray) -> bool:

@@ -10,7 +10,7 @@ from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
 from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
-from drake_gnnocp.verification.clearance import OVER, TIGHT, Clearances, Least, proven_clearances
+from drake_gnnocp.verification.clearance import TIGHT, Clearances, Least, proven_clearances
 from drake_gnnocp.verification.motion import Motion, motion_of
 from drake_gnnocp.verification.result import (
     ASKED,
@@ -87,7 +87,7 @@ def _clearances(kept: Clearances) -> tuple[Finding, Finding, Finding, Finding]:
     free, inside, beyond = kept.obstacles, kept.bounds, kept.beyond_demand
     apart, is_inside = free.seen > 0, inside.seen >= -COORDINATE_TOLERANCE
     touches = not (apart and is_inside)
-    proven = math.inf if touches else min(free.proven, inside.proven + OVER)
+    proven = math.inf if touches else min(free.proven, inside.proven + kept.over)
     # what is refused as it was seen is not proven to be no less
     kept_clearance = kept.asked + (beyond.seen if beyond.seen < -TIGHT else beyond.proven)
     too_near = f"keeps {_rounded_down(kept_clearance):.2f} m where {kept.asked:.2f} m are asked"

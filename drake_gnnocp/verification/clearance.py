@@ -3,11 +3,11 @@
 Between two instants T apart no point of the car is farther than the bulge, T^2 / 8 times its largest acceleration, from
 the chord of its path. With the clearances c_1 and c_2 at the instants and the longest chord d of a corner, the
 clearance in between is at least (c_1 + c_2 - d) / 2 less the bulge. It is also at least the distance of the convex hull
-of both footprints less the bulge, which is tighter and takes more to compute. How far the car is inside the bounds is
-at least the smaller of what it is at the instants, less the bulge. Where that does not do, the time is cut into parts.
+of both footprints less the bulge, which is tighter and takes more to compute. How far the car is inside a box is at
+least the smaller of what it is at the instants, less the bulge. Where that does not do, the time is cut into parts.
 
 A car that is outside of all polygons at its start gets into none without touching an outline: outlines are all that is
-looked at, which is quick for large polygons as well.
+looked at, which is quick for large polygons as well. Likewise it leaves no fence without touching it.
 
 What a scenario asks for holds at all times, except that near the start and the goal no more is asked than what the car
 has there, to obstacles and bounds. The zone of an end is a disc: a stretch of time is inside when both its instants
@@ -31,7 +31,8 @@ FIRST, FINEST = 0.5, 1e-5  # s, stretches of time at first, and those that are n
 CUTS = np.linspace(0.0, 1.0, 7)  # where a stretch is cut into parts
 LOOKS = 64  # instants that the first fault is looked for at, twice
 TIGHT = 1e-3  # m: a proven clearance is that near to the one at an instant, and one that is asked for
-OVER = 1e-5  # m: bounds are proven to be kept but for that
+OVER = 1e-5  # m: a box is proven to be kept but for that
+CROSSED = -2 * COORDINATE_TOLERANCE  # m, how far a car that touches a fence is said to be inside of it
 
 
 @dataclass
@@ -55,6 +56,7 @@ class Clearances:
     bounds: Least  # negative outside
     beyond_demand: Least  # the smaller of both, beyond what is asked for; infinite where nothing is
     asked: float  # m, the clearance that is asked for where that is the least
+    over: float  # m, that the bounds may be left by: a box but for rounding, a fence not at all
 
 
 class Look(NamedTuple):
@@ -67,13 +69,12 @@ class Look(NamedTuple):
 
 
 class Surroundings:
-    """The outlines of the exact polygons and the bounds of a scenario, and the clearance to them that is asked for."""
+    """The exact outlines and the bounds of a scenario, and the clearance to them that is asked for."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.vehicle = scenario.vehicle
-        self.outlines = shapely.multilinestrings(shapely.get_rings(np.array(scenario.polygons, dtype=object)))
-        shapely.prepare(self.outlines)
-        self.low, self.high = np.reshape(scenario.bounds or (-math.inf, math.inf) * 2, (2, 2)).T
+        self.outlines, self.fence = scenario.shapes.outlines, scenario.shapes.fence_line
+        self.low, self.high = np.reshape(scenario.box or (-math.inf, math.inf) * 2, (2, 2)).T
         ends = np.stack([scenario.start, scenario.goal])
         self.ends, self.asked = ends[:, :2], scenario.clearance
         if self.asked > 0:
@@ -87,8 +88,12 @@ class Surroundings:
 
     def distances(self, footprints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far footprints (N, 4, 2) are from the obstacles and inside the bounds: (N,) each [m]."""
+        cars = shapely.polygons(footprints)
+        if self.fence is not None:
+            away = shapely.distance(self.fence, cars)
+            return self.to_obstacles(cars), np.where(away > 0, away, CROSSED)
         low, high = footprints.min(axis=1) - self.low, self.high - footprints.max(axis=1)
-        return self.to_obstacles(shapely.polygons(footprints)), np.minimum(low, high).min(axis=1)
+        return self.to_obstacles(cars), np.minimum(low, high).min(axis=1)
 
     def demand(self, axles: np.ndarray, spread: np.ndarray | float = 0.0) -> np.ndarray:
         """The most that is asked for while the rear axle's middle is within a spread of a chord.
@@ -118,9 +123,12 @@ class Surroundings:
         """The point (2,) of the car at a pose (3,) that has the least of one of the three distances of `Clearances`."""
         footprint = self.vehicle.footprints(pose)[0]
         free, inside = self.distances(footprint[None])
+        nearest = self.outlines
         if which == 1 or (which == 2 and inside < free):
-            return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
-        return np.asarray(shapely.shortest_line(shapely.Polygon(footprint), self.outlines).coords)[0]
+            if self.fence is None:
+                return footprint[np.minimum(footprint - self.low, self.high - footprint).min(axis=1).argmin()]
+            nearest = self.fence
+        return np.asarray(shapely.shortest_line(shapely.Polygon(footprint), nearest).coords)[0]
 
 
 def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
@@ -143,7 +151,8 @@ def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
         found = seen.margins[range(3), lowest]
         at, least = np.where(found < least, seen.times[lowest], at), np.minimum(found, least)
         # what the bounds of a part have to be for it to be left alone
-        wanted = np.where(_refused(least), -math.inf, [least[0] - min(TIGHT, least[0] / 2), -OVER, -TIGHT])
+        of_bounds = -OVER if around.fence is None else least[1] - min(TIGHT, least[1] / 2)
+        wanted = np.where(_refused(least), -math.inf, [least[0] - min(TIGHT, least[0] / 2), of_bounds, -TIGHT])
         first = np.arange(times.size).reshape(times.shape)[:, :-1].ravel()
         bounds = _bounds(around, motion, seen, first, wanted)
         begins, spans = seen.times[first], seen.times[first + 1] - seen.times[first]
@@ -168,11 +177,18 @@ def _bounds(around: Surroundings, motion: Motion, seen: Look, first: np.ndarray,
     swept = np.concatenate([seen.footprints[first], seen.footprints[last]], axis=1)  # (P, 8, 2)
     chord = np.sqrt(((swept[:, 4:] - swept[:, :4]) ** 2).sum(axis=2).max(axis=1))
     free = (seen.margins[0, first] + seen.margins[0, last] - chord) / 2 - lost
-    inside = np.minimum(seen.margins[1, first], seen.margins[1, last]) - lost
+    if around.fence is None:
+        inside = np.minimum(seen.margins[1, first], seen.margins[1, last]) - lost
+    else:
+        inside = (seen.margins[1, first] + seen.margins[1, last] - chord) / 2 - lost
     demand = around.demand(seen.poses[np.stack([first, last], axis=1), :2], lost)
-    near = np.flatnonzero((free < wanted[0]) | (free - demand < wanted[2]))
+    near = np.flatnonzero((free < wanted[0]) | (np.minimum(free, inside) - demand < wanted[2]) | (inside < wanted[1]))
+    if around.fence is None:
+        near = near[(free < wanted[0])[near] | (free - demand < wanted[2])[near]]
     hulls = shapely.convex_hull(shapely.linestrings(swept[near]))
     free[near] = np.maximum(free[near], around.to_obstacles(hulls) - lost[near])
+    if around.fence is not None:
+        inside[near] = np.maximum(inside[near], shapely.distance(around.fence, hulls) - lost[near])
     return np.stack([free, inside, np.minimum(free, inside) - demand])
 
 
@@ -194,7 +210,7 @@ def _with_places(
         point = around.nearest_point(pose, i) if math.isfinite(seen[i]) else pose[:2]
         found.append(Least((float(at[i]), *point.tolist()), float(seen[i]), float(proven[i])))
     obstacles, bounds, beyond_demand = found
-    return Clearances(obstacles, bounds, beyond_demand, asked)
+    return Clearances(obstacles, bounds, beyond_demand, asked, OVER if around.fence is None else 0.0)
 
 
 def _first_refused(around: Surroundings, motion: Motion, which: int, t: float) -> float:
@@ -223,9 +239,9 @@ def min_clearance(scenario: Scenario, footprints: np.ndarray) -> float:
     A footprint is no nearer to an obstacle than another one less the way of the corner that moves most in between: so
     of a motion few need to be looked at.
     """
-    if not scenario.polygons:
+    if not len(scenario.shapes.all):
         return math.inf
-    tree = shapely.STRtree(scenario.polygons)
+    tree = shapely.STRtree(scenario.shapes.all)
 
     def distances(which: np.ndarray) -> np.ndarray:
         return tree.query_nearest(shapely.polygons(footprints[which]), return_distance=True, all_matches=False)[1]

@@ -114,8 +114,7 @@ def blocked_share(scenario: Scenario, guess: Trajectory | None) -> float:
     if guess is None:
         return math.nan
     cars = shapely.polygons(scenario.vehicle.footprints(guess.poses))
-    touching = [shapely.intersects(polygon, cars) for polygon in scenario.polygons]
-    return float(np.any(touching, axis=0).mean()) if touching else 0.0
+    return float((scenario.shapes.distances(cars) == 0).mean())
 
 
 def mean_defect(scenario: Scenario, guess: Trajectory | None) -> float:
