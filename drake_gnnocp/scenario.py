@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as shown  # short, and shallow where the value is nested
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import shapely
@@ -35,6 +36,7 @@ __all__ = ["Area", "Scenario", "ScenarioError", "bundled_scenarios"]
 MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
+SAME_UNIT = 1e-9  # relative: units this near are the same
 LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
 
 logger = logging.getLogger(__name__)
@@ -65,6 +67,8 @@ class Scenario:
     clearance: float = 0.0  # m, kept to obstacles and bounds at all times, with the exemption of both ends
     lines: tuple[np.ndarray, ...] = ()  # polylines (N_j, 2) without thickness [m]
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) x, y, radius (may be 0) [m]
+
+    unit: ClassVar[float] = 1.0  # m, what a length of 1 stands for, see `in_car_lengths`
 
     def __post_init__(self) -> None:
         self._convert()
@@ -176,18 +180,45 @@ class Scenario:
         Planners work near the origin: maps in world coordinates of 1e9 m would cost them all their digits. What was
         checked is not checked again: rounding could close a gap of a few nanometres, or push a car over the bounds.
         """
-        offset, shifted = np.array([dx, dy]), object.__new__(type(self))
+        offset = np.array([dx, dy])
+        return self._mapped(lambda points: points + offset)
 
-        def change(points: np.ndarray) -> np.ndarray:
-            return points + offset
+    @cached_property
+    def in_car_lengths(self) -> Scenario:
+        """The same task, near the origin, in a unit of length in which the car is as long as the default one.
 
-        bounds = self.bounds
-        if bounds is not None:
-            bounds = change(bounds) if isinstance(bounds, np.ndarray) else tuple((bounds + offset.repeat(2)).tolist())
-        shifted.__dict__.update(
+        Planning in it makes plans of a task at another scale the same plans at that scale. Times stay as they are. It
+        is checked in metres.
+        """
+        unit = self.vehicle.length / Vehicle().length
+        if abs(unit - 1.0) < SAME_UNIT:
+            return self
+        scaled = self._mapped(lambda points: points / unit)
+        scaled.__dict__.update(
+            vehicle=self.vehicle.scaled(1 / unit),
+            clearance=self.clearance / unit,
+            points=self.points / (unit, unit, unit),
+            unit=unit,
+            in_metres=self,
+        )
+        return scaled
+
+    @cached_property
+    def in_metres(self) -> Scenario:
+        """The task that `in_car_lengths` was made of."""
+        return self
+
+    def _mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> Scenario:
+        """The task with other coordinates, which `change` gives for coordinates (N, 2)."""
+        mapped, bounds = object.__new__(type(self)), self.bounds
+        if isinstance(bounds, np.ndarray):
+            bounds = change(bounds)
+        elif bounds is not None:
+            bounds = tuple(change(np.reshape(bounds, (2, 2)).T).T.ravel().tolist())
+        mapped.__dict__.update(
             {known.name: getattr(self, known.name) for known in fields(self)},
-            start=self.start + np.append(offset, 0.0),
-            goal=self.goal + np.append(offset, 0.0),
+            start=np.append(change(self.start[None, :2])[0], self.start[2]),
+            goal=np.append(change(self.goal[None, :2])[0], self.goal[2]),
             obstacles=tuple(
                 change(obstacle)
                 if isinstance(obstacle, np.ndarray)
@@ -195,12 +226,12 @@ class Scenario:
                 for obstacle in self.obstacles
             ),
             lines=tuple(change(line) for line in self.lines),
-            points=self.points + np.append(offset, 0.0),
+            points=np.column_stack([change(self.points[:, :2]), self.points[:, 2]]),
             bounds=bounds,
             shapes=self.shapes.mapped(change),
             convex_obstacles=tuple(change(part) for part in self.convex_obstacles),
         )
-        return shifted
+        return mapped
 
     @classmethod
     def load(cls, source: str | Path) -> Scenario:

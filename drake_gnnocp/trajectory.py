@@ -89,6 +89,12 @@ class Trajectory:
         states[:, State.Y] += dy
         return Trajectory(self.t, states, self.inputs)
 
+    def scaled(self, factor: float) -> Trajectory:
+        """The trajectory as many times as large: positions, speeds and accelerations; angles and times stay."""
+        if factor == 1.0:
+            return self
+        return Trajectory(self.t, self.states * (factor, factor, 1.0, factor, 1.0), self.inputs * (factor, 1.0))
+
     def save_csv(self, path: Path | str) -> None:
         """Write one row a knot with the header t,x,y,theta,v,phi,a,w; every double keeps its exact value."""
         rows = np.column_stack([self.t, self.states, self.inputs])

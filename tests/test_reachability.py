@@ -102,5 +102,5 @@ def test_the_body_of_an_interval_is_inside_the_car_at_every_heading_of_it() -> N
 
 
 def test_the_reason_moves_with_the_task() -> None:
-    moved = NoPath("near {place} it is narrow", True, (1.0, 2.0), 1.5).translated(10.0, -4.0)
+    moved = NoPath("near {place} it is narrow", True, (1.0, 2.0), 1.5).placed(10.0, -4.0, 1.0)
     assert moved.text == "near (11.0, -2.0) it is narrow" and moved.to_dict()["near"] == [11.0, -2.0]

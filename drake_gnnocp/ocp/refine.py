@@ -67,9 +67,10 @@ class Solve:
         check = self.verification
         return len(check.faults), -check.min_clearance_m, check.terminal_position_error_m
 
-    def translated(self, dx: float, dy: float) -> Solve:
-        """The solve of the task moved by (dx, dy) [m]."""
-        trajectory, check = self.trajectory.translated(dx, dy), self.verification.translated(dx, dy)
+    def placed(self, dx: float, dy: float, unit: float) -> Solve:
+        """The solve in metres, of the task moved by (dx, dy) [m]; the trajectory's lengths are in a unit [m]."""
+        trajectory = self.trajectory.scaled(unit).translated(dx, dy)
+        check = self.verification.translated(dx, dy)  # which is in metres
         return replace(self, trajectory=trajectory, verification=check)
 
 

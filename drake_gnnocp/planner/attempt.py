@@ -111,12 +111,12 @@ class Attempt:
             "reason": self.reason,
         }
 
-    def translated(self, dx: float, dy: float) -> Attempt:
-        """The attempt at the task moved by (dx, dy) [m]."""
-        solves = tuple(solve.translated(dx, dy) for solve in self.solves)
-        no_path = self.no_path and self.no_path.translated(dx, dy)
+    def placed(self, dx: float, dy: float, unit: float) -> Attempt:
+        """The attempt in metres, at the task moved by (dx, dy) [m]; lengths are in a unit [m]."""
+        solves = tuple(solve.placed(dx, dy, unit) for solve in self.solves)
+        no_path = self.no_path and self.no_path.placed(dx, dy, unit)
         reason = self.reason if no_path is None else no_path.text
-        start = self.start and self.start.translated(dx, dy)
+        start = self.start and self.start.scaled(unit).translated(dx, dy)
         return replace(self, start=start, solves=solves, no_path=no_path, reason=reason)
 
 
@@ -208,7 +208,8 @@ def _refusal(guess: Trajectory, duration: float, scenario: Scenario) -> str:
         return f"the guess takes {duration:.0f} s, more than the {LONGEST:g} s that are planned"
     length, longest = guess.path_length, scenario.vehicle.v_max * duration
     if length > longest * (1 + SAME_LENGTH):
-        return f"the guess's path is {length:.1f} m long, and {duration:g} s at v_max are {longest:.1f} m"
+        in_metres = scenario.unit * length, scenario.unit * longest
+        return f"the guess's path is {in_metres[0]:.1f} m long, and {duration:g} s at v_max are {in_metres[1]:.1f} m"
     return ""
 
 

@@ -106,7 +106,7 @@ def _planned(
         seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
         return Plan(scenario, (at_rest(scenario, seconds, options),), 0, budget.spent)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    schedule = Schedule(scenario.translated(-x0, -y0), horizon, budget, options)
+    schedule = Schedule(scenario.translated(-x0, -y0).in_car_lengths, horizon, budget, options)
     try:
         attempts = _attempts(schedule, source)
     except KeyboardInterrupt:
@@ -153,7 +153,8 @@ def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt]) -> Pl
         line = straight_line(schedule.scenario, schedule.options.knots)
         attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
     reported = _reported(attempts, schedule.horizon)
-    moved = tuple(made.translated(*scenario.start[:2]) for made in attempts)
+    x0, y0, _ = scenario.start
+    moved = tuple(made.placed(float(x0), float(y0), schedule.scenario.unit) for made in attempts)
     return Plan(scenario, moved, reported, schedule.budget.spent, schedule.budget.ended)
 
 
@@ -164,7 +165,8 @@ def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: 
     if isinstance(guess, Trajectory):
         check_numbers(guess)
         x0, y0, _ = scenario.start
-        return Given(guess.translated(-x0, -y0).resampled(max(len(guess), options.knots)))
+        local = guess.translated(-x0, -y0).scaled(1 / scenario.in_car_lengths.unit)
+        return Given(local.resampled(max(len(guess), options.knots)))
     if not hasattr(guess, "guesses"):
         raise ValueError(f"guess: must be a name, a source or a trajectory, not {shown(guess)}")
     guess.check_available()

@@ -74,7 +74,6 @@ CONFINED = Stage(position=1.0, heading=1 / 6, length=1.0, margin=0.04, tight=0.3
 FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
 MOST_COST = 2.0  # of a direct path over the length of the car
-SHORTEST_CAR = 2.0  # m, likewise
 
 
 @dataclass(frozen=True)
@@ -181,9 +180,9 @@ def _all_states(stage: Stage, run: _Run, arena: _Arena | None) -> int:
 
 def _exhausted(states: int, options: HybridAStarOptions) -> NoPath:
     cell, angle = (getattr(_resolution(options, SCHEDULE[-1]), name) for name in ("position", "heading"))
-    resolution = f"cells of {cell:.2g} m and {math.degrees(angle):.2g} degrees or finer"
+    resolution = f"cells of {{length}} and {math.degrees(angle):.2g} degrees or finer"
     why = f"the search exhausted all {states} states at its finest resolution ({resolution}), which is not a proof"
-    return NoPath(why, proven=False)
+    return NoPath(why, proven=False, length=cell)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +251,6 @@ class _Arena:
 
         0 where they are not few, or where the finest resolution is not fine enough to tell.
         """
-        if self._scenario.vehicle.length < SHORTEST_CAR:
-            return 0
         finest = _resolution(self._options, SCHEDULE[-1])
         for query, at_stage, nearest in zip(self._queries, exhausted, self._scenario.nearest_at_ends, strict=True):
             if at_stage and nearest > LEAST_CLEARANCE:

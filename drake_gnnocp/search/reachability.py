@@ -50,24 +50,28 @@ HALVINGS = 9  # of the radius: the width is known to 4 mm
 class NoPath:
     """Why there is no path."""
 
-    why: str  # with "{place}" where the place is known
+    why: str  # with "{place}", "{width}" and "{length}" where they are to be said
     proven: bool  # whether no car of this shape could do it; otherwise the search has found none
     place: tuple[float, float] | None = None  # x, y of where it is blocked [m]
     width: float | None = None  # m, of the passage there
+    length: float = 0.0  # m, another one that `why` tells
 
     @property
     def text(self) -> str:
         """Why there is no path, for people."""
-        return self.why if self.place is None else self.why.format(place="({:.1f}, {:.1f})".format(*self.place))
+        place = "" if self.place is None else "({:.1f}, {:.1f})".format(*self.place)
+        return self.why.format(place=place, width=f"{self.width or 0.0:.2f} m", length=f"{self.length:.2f} m")
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
         near = None if self.place is None else list(self.place)
         return {"proven": self.proven, "reason": self.text, "near": near, "passage_width_m": self.width}
 
-    def translated(self, dx: float, dy: float) -> NoPath:
-        """The same of the task moved by (dx, dy) [m]."""
-        return self if self.place is None else replace(self, place=(self.place[0] + dx, self.place[1] + dy))
+    def placed(self, dx: float, dy: float, unit: float) -> NoPath:
+        """The same in metres, of the task moved by (dx, dy) [m]; lengths are in a unit [m]."""
+        place = self.place and (unit * self.place[0] + dx, unit * self.place[1] + dy)
+        width = None if self.width is None else unit * self.width
+        return replace(self, place=place, width=width, length=unit * self.length)
 
 
 def no_path(scenario: Scenario) -> NoPath | None:
@@ -204,7 +208,7 @@ def _too_narrow(task: _Task) -> NoPath:
     width = 2.0 * passes
     car = 2.0 * (task.radius + HAIR)
     where = "near {place}" if place is not None else "between start and goal"
-    return NoPath(f"the passage {where} is {width:.2f} m wide, the car {car:.2f} m", True, place, width)
+    return NoPath(f"the passage {where} is {{width}} wide, the car {{length}}", True, place, width, car)
 
 
 def _enclosed(task: _Task, radius: float) -> str:

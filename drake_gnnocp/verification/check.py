@@ -38,8 +38,10 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
 
     Args:
         scenario: the task; best near the origin (see `Scenario.translated`).
-        trajectory: in the scenario's frame.
+        trajectory: in the scenario's frame, and in its unit of length; what is found is in metres.
     """
+    if scenario.unit != 1.0:
+        return verify(scenario.in_metres, trajectory.scaled(scenario.unit))
     motion = _drive_if_possible(scenario, trajectory)
     if motion is None:
         nan = math.nan
