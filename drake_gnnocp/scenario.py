@@ -36,6 +36,7 @@ __all__ = ["Area", "Scenario", "ScenarioError", "bundled_scenarios"]
 MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
+DECIMALS = 10  # of lengths in a unit that is not the metre: a task at another scale is the same to the last bit then
 SAME_UNIT = 1e-9  # relative: units this near are the same
 LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
 
@@ -193,7 +194,7 @@ class Scenario:
         unit = self.vehicle.length / Vehicle().length
         if abs(unit - 1.0) < SAME_UNIT:
             return self
-        scaled = self._mapped(lambda points: points / unit)
+        scaled = self._mapped(lambda points: np.round(points / unit, DECIMALS))
         scaled.__dict__.update(
             vehicle=self.vehicle.scaled(1 / unit),
             clearance=self.clearance / unit,

@@ -85,8 +85,10 @@ class Vehicle:
     def scaled(self, factor: float) -> Vehicle:
         """The same vehicle as many times as large: lengths, speed and acceleration; angles and times stay."""
         lengths = ("wheelbase", "front_hang", "rear_hang", "width", "v_max", "a_max")
-        scaled = object.__new__(type(self))  # it need not be of a size that users mean
-        scaled.__dict__.update({k: factor * v if k in lengths else v for k, v in self.to_dict().items()})
+        scaled = object.__new__(
+            type(self)
+        )  # it need not be of a size that users mean; rounded, there and back is the same
+        scaled.__dict__.update({k: round(factor * v, 12) if k in lengths else v for k, v in self.to_dict().items()})
         return scaled
 
     @property

@@ -25,7 +25,7 @@ from drake_gnnocp.vehicle import State, Vehicle
 WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)  # columns of `Scene.vehicle`
 
 # of what the network looks at: more takes memory without end, and it was trained on less
-MOST_OBSTACLES, MOST_VERTICES = 500, 200
+MOST_OBSTACLES, MOST_VERTICES = 100, 200
 WALLS_WITHIN = 100.0  # m, of the box around start and goal: bounds farther away are no matter
 
 

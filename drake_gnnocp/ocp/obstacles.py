@@ -64,8 +64,9 @@ class Obstacles:
         return outward_normals(self.vertices)
 
     @cached_property
-    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.vertices.min(axis=1), self.vertices.max(axis=1)
+    def _boxes(self) -> shapely.STRtree:
+        """An index of the boxes around the obstacles."""
+        return shapely.STRtree(shapely.box(*self.vertices.min(axis=1).T, *self.vertices.max(axis=1).T))
 
     def ring(self, obstacle: int) -> np.ndarray:
         """One obstacle: (M_j, 2) [m]."""
@@ -85,15 +86,17 @@ class Obstacles:
             times: (N,) of the knots [s].
             distance: [m].
         """
-        low, high = self._boxes
-        near_low, near_high = footprints.min(axis=1) - distance, footprints.max(axis=1) + distance
-        close = np.all((near_high > low[:, None]) & (near_low < high[:, None]), axis=2)
-        close[:, [0, -1]] = False
-        if close.sum(axis=0).max(initial=0) > MOST_OF_A_KNOT:
-            gap = np.maximum(near_low - high[:, None], low[:, None] - near_high).max(axis=2)  # of the boxes: (J, N)
-            order = np.argsort(np.where(close, gap, np.inf), axis=0, kind="stable")
-            np.put_along_axis(close, order[MOST_OF_A_KNOT:], False, axis=0)
-        obstacle, knot = np.nonzero(close)
+        low, high = footprints[1:-1].min(axis=1) - distance, footprints[1:-1].max(axis=1) + distance
+        knot, obstacle = self._boxes.query(shapely.box(*low.T, *high.T))
+        if np.bincount(knot, minlength=1).max() > MOST_OF_A_KNOT:
+            corners = self.vertices[obstacle]
+            gap = np.maximum(low[knot] - corners.max(axis=1), corners.min(axis=1) - high[knot]).max(axis=1)
+            order = np.lexsort([obstacle, gap, knot])
+            place = np.arange(len(order)) - np.searchsorted(knot[order], knot[order])  # among those of the knot
+            nearest = order[place < MOST_OF_A_KNOT]
+            knot, obstacle = knot[nearest], obstacle[nearest]
+        order = np.lexsort([knot, obstacle])
+        knot, obstacle = knot[order] + 1, obstacle[order]
         return Pairs(knot, obstacle, self.vertices[obstacle], self.is_vertex[obstacle], self._normals[obstacle])
 
 

@@ -26,6 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.distance_field import DistanceField
@@ -34,6 +35,7 @@ from drake_gnnocp.vehicle import Vehicle
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
 BOUNDS_TOLERANCE = 1e-9  # m: a car that starts exactly on the bounds is inside, whatever the rounding
+FEW_PARTS = 40  # all of which are compared with every pose; more are looked up in an index
 MOST_NUMBERS = 2_000_000  # in an array: more poses are tested in parts
 COARSEST_SPACING = 0.2  # m, between tested poses
 FINEST_SPACING = 0.05  # m, however small the margin: a corner can clip by 4 cm between poses, never a wall be jumped
@@ -73,7 +75,8 @@ class FootprintTest:
         self._middle = 0.5 * vehicle.length - vehicle.rear_hang  # the rectangle's centre, ahead of the rear axle
         self._place_circles(vehicle)
         self._index_parts(scenario.convex_obstacles)
-        self._most_poses = max(1, MOST_NUMBERS // max(len(self._offsets), len(self._parts)))
+        per_pose = max(len(self._offsets), 0 if self._tree else len(self._parts))
+        self._most_poses = max(1, MOST_NUMBERS // per_pose)
         smallest = min(margins.usual, margins.start, margins.goal)
         self.spacing = min(max(2.0 * smallest / sweep(vehicle), FINEST_SPACING), COARSEST_SPACING)  # m, see above
 
@@ -121,9 +124,12 @@ class FootprintTest:
         longest = max(map(len, parts), default=0)
         rings = [part[np.minimum(np.arange(longest), len(part) - 1)] for part in parts]
         self._parts = np.array(rings).reshape(len(parts), longest, 2)
+        self._tree = None
         if not len(parts):
             return
         self._low, self._high = self._parts.min(axis=1), self._parts.max(axis=1)  # (M, 2)
+        if len(parts) > FEW_PARTS:
+            self._tree = shapely.STRtree(shapely.box(*self._low.T, *self._high.T))
         edges = np.roll(self._parts, -1, axis=1) - self._parts
         self._normals = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)  # outward; 0 where padded
         self._levels = np.sum(self._normals * self._parts, axis=-1)  # (M, V)
@@ -154,9 +160,7 @@ class FootprintTest:
         cx, cy = x + cos * self._middle, y + sin * self._middle
         half_x = np.abs(cos) * half_length + np.abs(sin) * half_width
         half_y = np.abs(sin) * half_length + np.abs(cos) * half_width
-        boxes_meet = ((cx + half_x)[:, None] >= self._low[:, 0]) & ((cx - half_x)[:, None] <= self._high[:, 0])
-        boxes_meet &= ((cy + half_y)[:, None] >= self._low[:, 1]) & ((cy - half_y)[:, None] <= self._high[:, 1])
-        pose, part = np.nonzero(boxes_meet)
+        pose, part = self._boxes_that_meet(cx - half_x, cx + half_x, cy - half_y, cy + half_y)
         cx, cy, cos, sin = cx[pose, None], cy[pose, None], cos[pose, None], sin[pose, None]
         half_length, half_width = half_length[pose], half_width[pose]
         vertices, normals = self._parts[part], self._normals[part]  # (P, V, 2)
@@ -171,6 +175,18 @@ class FootprintTest:
         touches = np.zeros(len(x), dtype=bool)
         touches[pose[~apart]] = True
         return touches
+
+    def _boxes_that_meet(
+        self, xmin: np.ndarray, xmax: np.ndarray, ymin: np.ndarray, ymax: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of one of some boxes (N,) and a part whose own box it meets: (P,) and (P,)."""
+        if self._tree is not None:
+            boxes, parts = self._tree.query(shapely.box(xmin, ymin, xmax, ymax))
+            return boxes, parts
+        meet = (xmax[:, None] >= self._low[:, 0]) & (xmin[:, None] <= self._high[:, 0])
+        meet &= (ymax[:, None] >= self._low[:, 1]) & (ymin[:, None] <= self._high[:, 1])
+        boxes, parts = np.nonzero(meet)
+        return boxes, parts
 
 
 def sweep(vehicle: Vehicle) -> float:
