@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
+from drake_gnnocp.arguments import add_task_arguments, with_signed_numbers
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.files import check_writable, replaced_together
@@ -145,8 +146,10 @@ def _parser() -> argparse.ArgumentParser:
         "scenario",
         nargs="?",
         default="map_a",
-        help="a bundled name (see --list), a .json or a TPCAP .csv file (default: %(default)s)",
+        help="a bundled name (see --list), a .json or a TPCAP .csv file, or the .yaml file of an occupancy map, which "
+        "needs --start and --goal (default: %(default)s)",
     )
+    add_task_arguments(parser)
     parser.add_argument(
         "--guess", choices=GUESSES, default="auto", help="where the first guess comes from (default: %(default)s)"
     )
@@ -188,7 +191,7 @@ def _horizon(text: str) -> Horizon:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = _parser().parse_args(with_signed_numbers(sys.argv[1:] if argv is None else argv))
     log_to_stderr(logging.INFO if arguments.verbose else logging.WARNING, logging.BASIC_FORMAT)
     if arguments.verbose:
         logging.getLogger("drake_gnnocp").setLevel(logging.DEBUG)
@@ -201,7 +204,13 @@ def main(argv: list[str] | None = None) -> int:
         if not arguments.max_seconds > 0:
             raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
         budget = Budget.of(arguments.max_seconds)
-        scenario = Scenario.load(arguments.scenario)
+        scenario = Scenario.load(
+            arguments.scenario,
+            start=arguments.start,
+            goal=arguments.goal,
+            vehicle=arguments.vehicle,
+            unknown=arguments.unknown,
+        )
         if arguments.clearance is not None:
             scenario = replace(scenario, clearance=arguments.clearance)
         with budget.standing_still():

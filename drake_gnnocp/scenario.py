@@ -15,18 +15,22 @@ from typing import Any, ClassVar
 import numpy as np
 import shapely
 
-from drake_gnnocp.files import PACKAGE, write_atomically
+from drake_gnnocp.files import write_atomically
+from drake_gnnocp.maps.grid_outlines import fields_of_grid
+from drake_gnnocp.maps.occupancy_grid import MEANINGS, grid_of_cells
 from drake_gnnocp.polygons import convex_parts, merged
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
     POSE,
     REQUIRED_KEYS,
-    SUFFIXES,
     ScenarioError,
     as_json,
+    bundled_scenarios,
     checked_fields,
+    path_of,
     read_fields,
+    with_ends,
 )
 from drake_gnnocp.shapes import Area, Shapes, shapes_of
 from drake_gnnocp.vehicle import Vehicle
@@ -149,7 +153,8 @@ class Scenario:
         """The outline of `blocked`, with gaps that are narrower than half the car filled."""
         gap = self.vehicle.width / 4
         grown = shapely.union_all(shapely.buffer(np.array(self.blocked, dtype=object), gap, join_style="mitre"))
-        filled = shapely.buffer(shapely.get_parts(grown), -gap, join_style="mitre")
+        with np.errstate(divide="ignore", invalid="ignore"):  # GEOS divides by zero at some corners, and copes
+            filled = shapely.buffer(shapely.get_parts(grown), -gap, join_style="mitre")
         rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
         return shapely.MultiLineString([shapely.LineString(ring) for ring in rings])
 
@@ -235,22 +240,49 @@ class Scenario:
         return mapped
 
     @classmethod
-    def load(cls, source: str | Path) -> Scenario:
-        """Read a scenario: the name of a bundled one, a `.json` or a TPCAP `.csv` file.
+    def load(cls, source: str | Path, *, unknown: str = MEANINGS[0], **changes: Any) -> Scenario:
+        """Read a scenario: a bundled one, a `.json` or a TPCAP `.csv` file, or the `.yaml` file of an occupancy map.
+
+        Args:
+            source: the name of a bundled one, or a path.
+            unknown: what unknown cells of a map are taken for: "occupied" or "free".
+            changes: fields (start, goal, vehicle, ...) that take the places of the file's where they are not None. A
+                map has no start and goal.
 
         Raises:
             ScenarioError: the file is missing or unreadable, or what it says cannot be planned.
         """
-        if str(source) in bundled_scenarios():
-            return cls.load(_bundled_folder() / f"{source}.json")
-        path = Path(source)
-        if path.suffix.lower() not in SUFFIXES:
-            known, shown_source = ", ".join(bundled_scenarios()), str(source) or "''"
-            raise ScenarioError(f"{shown_source}: scenario: neither a .json or .csv file nor a bundled name ({known})")
+        given = {key: value for key, value in changes.items() if value is not None}
         try:
-            return cls(**read_fields(path))
+            return cls(**with_ends(read_fields(path_of(source), unknown) | given))
         except ValueError as error:
-            raise ScenarioError(f"{source}: {error}") from None
+            raise ScenarioError(f"{str(source) or repr('')}: {error}") from None
+
+    @classmethod
+    def from_occupancy(
+        cls, cells: Any, resolution: float, origin: Any, start: Any, goal: Any, *, name: str = "map", **others: Any
+    ) -> Scenario:
+        """Build a scenario from the cells of an occupancy grid, whose rectangle is the bounds.
+
+        Args:
+            cells: (ny, nx), row 0 is the lowest: bools, or -1 (unknown) and 0 to 100 per cent as in an OccupancyGrid.
+            resolution: length of a cell's side [m].
+            origin: x, y, yaw of the lower left corner of the lower left cell [m, m, rad]; the yaw may be left out.
+            start: x, y, theta [m, m, rad].
+            goal: x, y, theta [m, m, rad].
+            name: of the scenario.
+            others: fields (vehicle, clearance, ...), and those of `grid_of_cells`: unknown ("occupied", or "free"),
+                occupied_thresh (0.65: cells of 65 per cent are occupied, as for map_saver).
+
+        Raises:
+            ScenarioError: a value is illegal, or the car at start or goal collides or leaves the grid.
+        """
+        options = {key: others.pop(key) for key in ("unknown", "occupied_thresh") if key in others}
+        try:
+            found = fields_of_grid(grid_of_cells(cells, resolution, origin, **options))
+            return cls(**{"name": name, "start": start, "goal": goal, **found, **others})
+        except ValueError as error:
+            raise ScenarioError(str(error)) from None
 
     @classmethod
     def from_dict(cls, data: Any) -> Scenario:
@@ -269,15 +301,6 @@ class Scenario:
     def save(self, path: Path | str) -> None:
         """Write the scenario as JSON."""
         write_atomically(Path(path), json.dumps(self.to_dict(), indent=1) + "\n")
-
-
-def bundled_scenarios() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    return sorted(path.stem for path in _bundled_folder().iterdir() if path.suffix == ".json")
-
-
-def _bundled_folder() -> Path:
-    return PACKAGE / "scenarios"
 
 
 def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What scenario files say, checked key by key: JSON, and the CSV format of the TPCAP parking competition.
+"""What scenario files say, checked key by key: JSON, the CSV format of the TPCAP competition, occupancy maps.
 
 A key of the JSON format is one entry of `PARSERS`, which turns what the file says into the field of the same name of
 `Scenario`, or raises. A TPCAP file is one row of numbers without names,
@@ -17,15 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from drake_gnnocp.files import parse_json, read_text
+from drake_gnnocp.files import PACKAGE, parse_json, read_text
+from drake_gnnocp.maps.grid_outlines import fields_of_grid
+from drake_gnnocp.maps.occupancy_map import read_map
 from drake_gnnocp.shapes import Area
 from drake_gnnocp.vehicle import Vehicle
 
-SUFFIXES = (".json", ".csv")
+MAP_SUFFIXES = (".yaml", ".yml")
+SUFFIXES = (".json", ".csv", *MAP_SUFFIXES)
 POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
 LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
 LONGEST_NAME = 100  # bytes, names of files end at 255
 TPCAP_VEHICLE = Vehicle(width=1.942, v_max=2.5, a_max=1.0, phi_max=0.75, w_max=0.5)
+BUNDLED = PACKAGE / "scenarios"
 N_FIRST = 7  # numbers of a TPCAP row before the vertex counts: start, goal, number of obstacles
 
 
@@ -33,15 +37,57 @@ class ScenarioError(ValueError):
     """A scenario that cannot be planned: the message is one line that names the file, the field and the reason."""
 
 
-def read_fields(path: Path) -> dict[str, Any]:
-    """The fields of the scenario in a file with one of the SUFFIXES.
+def bundled_scenarios() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(path.stem for path in BUNDLED.iterdir() if path.suffix == ".json")
+
+
+def path_of(source: str | Path) -> Path:
+    """The file of a scenario.
+
+    Args:
+        source: its path, or the name of a bundled one.
+
+    Raises:
+        ScenarioError: it is neither a bundled name nor a path with one of the SUFFIXES.
+    """
+    if str(source) in (names := bundled_scenarios()):
+        return BUNDLED / f"{source}.json"
+    if Path(source).suffix.lower() not in SUFFIXES:
+        known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        raise ScenarioError(f"scenario: neither a {known} file nor a bundled name ({', '.join(names)})")
+    return Path(source)
+
+
+def read_fields(path: Path, unknown: str) -> dict[str, Any]:
+    """The fields of the scenario in a file with one of the SUFFIXES; those of an occupancy map lack start and goal.
+
+    Args:
+        path: of the file.
+        unknown: what unknown cells of an occupancy map are taken for.
 
     Raises:
         ValueError: the file is missing or unreadable, or a value is illegal; the message is one line.
     """
+    if path.suffix.lower() in MAP_SUFFIXES:
+        return {"name": _name(path.stem), **fields_of_grid(read_map(path, unknown))}
     text = read_text(path)
     is_json = path.suffix.lower() == ".json"
     return checked_fields(parse_json(text) if is_json else parse_tpcap(text, path.stem))
+
+
+def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a scenario, start and goal among them.
+
+    Raises:
+        ScenarioError: one of them is missing.
+    """
+    for end in ("start", "goal"):
+        if end not in fields:
+            raise ScenarioError(
+                f"{end}: missing; a map has none: give start and goal (--start X Y THETA --goal X Y THETA)"
+            )
+    return fields
 
 
 def checked_fields(data: Any) -> dict[str, Any]:

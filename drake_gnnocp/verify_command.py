@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from drake_gnnocp.arguments import add_task_arguments, with_signed_numbers
 from drake_gnnocp.command_line import DONE, NOT_VERIFIED, OneLineParser, failed
 from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
@@ -23,7 +25,12 @@ def _parser() -> OneLineParser:
         description="Drive the inputs of a trajectory from the scenario's start, and check all that a plan promises.",
         epilog="Exit code: 0 verified, 2 bad input, 3 not verified, 4 the output could not be written.",
     )
-    parser.add_argument("scenario", help="a bundled name, a .json or a TPCAP .csv file")
+    parser.add_argument(
+        "scenario",
+        help="a bundled name, a .json or a TPCAP .csv file, or the .yaml file of an occupancy map, which needs --start "
+        "and --goal",
+    )
+    add_task_arguments(parser)
     columns = ",".join(COLUMNS)
     parser.add_argument("trajectory", type=Path, help=f"a .csv file with the header {columns}; knots of any spacing")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"folder to write {PICTURE} and {DATA} into")
@@ -32,9 +39,16 @@ def _parser() -> OneLineParser:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, verify, print a table of findings and write the files; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = _parser().parse_args(with_signed_numbers(sys.argv[1:] if argv is None else argv))
     try:
-        scenario, trajectory = Scenario.load(arguments.scenario), Trajectory.load_csv(arguments.trajectory)
+        scenario = Scenario.load(
+            arguments.scenario,
+            start=arguments.start,
+            goal=arguments.goal,
+            vehicle=arguments.vehicle,
+            unknown=arguments.unknown,
+        )
+        trajectory = Trajectory.load_csv(arguments.trajectory)
         if trajectory.flaw:
             raise ValueError(f"{arguments.trajectory}: {trajectory.flaw}")
         x0, y0, _ = scenario.start  # near the origin, see Scenario.translated

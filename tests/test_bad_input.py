@@ -239,12 +239,12 @@ def test_a_network_without_weights_is_refused(
     [
         ("missing.json", "missing.json: file: cannot be read: No such file or directory"),
         ("nowhere/missing.csv", "nowhere/missing.csv: file: cannot be read: No such file or directory"),
-        ("folder", "folder: scenario: neither a .json or .csv file nor a bundled name (angled_in, "),
+        ("folder", "folder: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name (angled_in, "),
         ("folder.json", "folder.json: file: is a folder"),
         ("folder.csv", "folder.csv: file: is a folder"),
-        ("map.yaml", "map.yaml: scenario: neither a .json or .csv file nor a bundled name"),
-        ("map_z", "map_z: scenario: neither a .json or .csv file nor a bundled name"),
-        ("", "'': scenario: neither a .json or .csv file nor a bundled name"),
+        ("map.xml", "map.xml: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
+        ("map_z", "map_z: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
+        ("", "'': scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
         ("x" * 300 + ".json", "x" * 300 + ".json: file: cannot be read: File name too long"),
     ],
 )
@@ -253,7 +253,7 @@ def test_a_source_that_is_no_scenario_is_named(
 ) -> None:
     for name in ("folder", "folder.json", "folder.csv"):
         (tmp_path / name).mkdir()
-    write(tmp_path / "map.yaml", GOOD)
+    write(tmp_path / "map.xml", GOOD)
     assert complaint([source], capsys).startswith(message)
 
 

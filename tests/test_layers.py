@@ -12,18 +12,31 @@ import pytest
 import drake_gnnocp
 
 PACKAGE = Path(drake_gnnocp.__file__).parent
-CORE = {"files", "budget", "drake_log", "vehicle", "polygons", "shapes", "scenario_files", "trajectory", "scenario"}
+CORE = {
+    *(
+        "files",
+        "budget",
+        "drake_log",
+        "vehicle",
+        "polygons",
+        "shapes",
+        "maps",
+        "scenario_files",
+        "trajectory",
+        "scenario",
+    ),
+}
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below
     CORE,
     {"simulation", "verification", "search", "timing", "learning"},
     {"guesses", "ocp"},
     {"planner"},
-    {"pictures", "command_line", "verify_command"},
+    {"pictures", "arguments", "command_line", "verify_command"},
     {"experiments"},
 )
 ASIDE = {  # imports within a floor, beside CORE's
-    *{("timing", "search"), ("ocp", "ocp"), ("command_line", "pictures")},
-    *{("verify_command", "pictures"), ("verify_command", "command_line")},
+    *{("timing", "search"), ("ocp", "ocp"), ("command_line", "pictures"), ("command_line", "arguments")},
+    *{("verify_command", "pictures"), ("verify_command", "command_line"), ("verify_command", "arguments")},
 }
 FACES = {"__init__", "plan", "verify"}  # the public face and the commands see all
 COMMANDS = {"dataset", "train", "benchmark", "ocp_benchmark", "figures", "tables", "analysis", "notebooks"}

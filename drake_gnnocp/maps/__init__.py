@@ -1,0 +1,1 @@
+"""Maps as input: occupancy grids of ROS `map_server`."""
