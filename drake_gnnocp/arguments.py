@@ -14,12 +14,13 @@ from drake_gnnocp.maps.occupancy_grid import FARTHEST, MEANINGS
 from drake_gnnocp.vehicle import Vehicle
 
 ENDS = ("start", "goal")
+TASK = (*ENDS, "vehicle", "unknown", "layers")  # what `add_task_arguments` adds, keywords of `Scenario.load`
 UNITS = {"rad": 1.0, "deg": math.pi / 180}  # rad
 SIGNED = re.compile(r"-[\d.]")
 
 
 def add_task_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add `--start`, `--goal`, `--vehicle` and `--unknown`, None where they are not given."""
+    """Add the TASK options; of start, goal and vehicle there are none unless they are given."""
     for end in ENDS:
         parser.add_argument(
             f"--{end}",
@@ -34,6 +35,13 @@ def add_task_arguments(parser: argparse.ArgumentParser) -> None:
         choices=MEANINGS,
         default=MEANINGS[0],
         help="what unknown cells of an occupancy map are taken for (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--layers",
+        type=names,
+        default=(),
+        metavar="NAME,NAME",
+        help="of a .dxf file: only what is on these layers is an obstacle (default: all that are shown)",
     )
 
 
@@ -74,6 +82,14 @@ def pose(texts: Sequence[str]) -> tuple[float, ...]:
             raise ValueError(f"{what} must be {meaning}, not {text.strip()!r}")
         values.append(value)
     return tuple(values)
+
+
+def names(text: str) -> tuple[str, ...]:
+    """An argument that is a list of names."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"must be names with commas between, not {text!r}")
+    return found
 
 
 def vehicle_in(name: str) -> Vehicle:

@@ -146,8 +146,8 @@ def _parser() -> argparse.ArgumentParser:
         "scenario",
         nargs="?",
         default="map_a",
-        help="a bundled name (see --list), a .json or a TPCAP .csv file, or the .yaml file of an occupancy map, which "
-        "needs --start and --goal (default: %(default)s)",
+        help="a bundled name (see --list), a .json, .geojson, .dxf or TPCAP .csv file, or the .yaml file of an "
+        "occupancy map (docs/scenario.md; default: %(default)s)",
     )
     add_task_arguments(parser)
     parser.add_argument(
@@ -206,10 +206,11 @@ def main(argv: list[str] | None = None) -> int:
         budget = Budget.of(arguments.max_seconds)
         scenario = Scenario.load(
             arguments.scenario,
+            unknown=arguments.unknown,
+            layers=arguments.layers,
             start=arguments.start,
             goal=arguments.goal,
             vehicle=arguments.vehicle,
-            unknown=arguments.unknown,
         )
         if arguments.clearance is not None:
             scenario = replace(scenario, clearance=arguments.clearance)

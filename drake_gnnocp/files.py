@@ -24,13 +24,8 @@ def read_text(path: Path) -> str:
     Raises:
         ValueError: it is missing, unreadable, empty or not UTF-8; the message is one line.
     """
+    check_readable(path)
     try:
-        if path.is_dir():
-            raise ValueError("file: is a folder")
-        if path.exists() and not path.is_file():  # reading a pipe or a device may never end
-            raise ValueError("file: is no regular file")
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"file: is larger than {LARGEST_FILE / 1e6:g} MB")
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ValueError(f"file: cannot be read: {error.strerror}") from None
@@ -39,6 +34,23 @@ def read_text(path: Path) -> str:
     if not text.strip():
         raise ValueError("file: is empty")
     return text
+
+
+def check_readable(path: Path) -> None:
+    """See that a file is there, is one that ends, and is not huge.
+
+    Raises:
+        ValueError: it is not; the message is one line.
+    """
+    try:
+        if path.is_dir():
+            raise ValueError("file: is a folder")
+        if path.exists() and not path.is_file():  # reading a pipe or a device may never end
+            raise ValueError("file: is no regular file")
+        if path.stat().st_size > LARGEST_FILE:
+            raise ValueError(f"file: is larger than {LARGEST_FILE / 1e6:g} MB")
+    except OSError as error:
+        raise ValueError(f"file: cannot be read: {error.strerror}") from None
 
 
 def parse_json(text: str) -> Any:

@@ -17,6 +17,7 @@ SMALLEST_AREA = 1e-9  # m^2, polygons below have no inside to speak of
 PLAIN_DEPTH, PLAIN_ROUNDING = 1e-6, 1e-15  # m, and of the coordinates: deeper crossings are no matter of rounding
 CHUNK = 4  # edges that are looked at together: each may cross all the others
 NO_AREA, CROSSES = "has no area, or runs back along one of its own edges", "crosses itself"
+TOO_FEW = "has fewer than 3 different vertices"
 SPECK = 1e-8  # m, the longest outline of a piece that rounding may leave and that nobody misses
 AREA_TOLERANCE = 1e-9  # relative: a ring and its repaired polygon enclose the same area
 MOST_VERTICES = 60  # of a convex part
@@ -52,7 +53,7 @@ def polygons_of(ring: np.ndarray) -> list[shapely.Polygon]:
         raise ValueError("has a vertex that is not finite")
     ring = clean_ring(ring)
     if len(ring) < 3:
-        raise ValueError("has fewer than 3 different vertices")
+        raise ValueError(TOO_FEW)
     polygon = shapely.Polygon(ring)
     if polygon.is_valid and polygon.area > SMALLEST_AREA:
         return [polygon]

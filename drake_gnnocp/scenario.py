@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -240,21 +240,24 @@ class Scenario:
         return mapped
 
     @classmethod
-    def load(cls, source: str | Path, *, unknown: str = MEANINGS[0], **changes: Any) -> Scenario:
-        """Read a scenario: a bundled one, a `.json` or a TPCAP `.csv` file, or the `.yaml` file of an occupancy map.
+    def load(
+        cls, source: str | Path, *, unknown: str = MEANINGS[0], layers: Sequence[str] = (), **changes: Any
+    ) -> Scenario:
+        """Read a scenario: a bundled one, a file that describes one, a drawing, or an occupancy map.
 
         Args:
-            source: the name of a bundled one, or a path.
-            unknown: what unknown cells of a map are taken for: "occupied" or "free".
+            source: the name of a bundled one, or a path; its suffix is one of `scenario_files.SUFFIXES`.
+            unknown: what unknown cells of an occupancy map are taken for: "occupied" or "free".
+            layers: of a DXF drawing: only what is on these is an obstacle.
             changes: fields (start, goal, vehicle, ...) that take the places of the file's where they are not None. A
-                map has no start and goal.
+                map has no start and goal, and a drawing may have none.
 
         Raises:
             ScenarioError: the file is missing or unreadable, or what it says cannot be planned.
         """
         given = {key: value for key, value in changes.items() if value is not None}
         try:
-            return cls(**with_ends(read_fields(path_of(source), unknown) | given))
+            return cls(**with_ends(read_fields(path_of(source), unknown, layers) | given))
         except ValueError as error:
             raise ScenarioError(f"{str(source) or repr('')}: {error}") from None
 

@@ -1,4 +1,4 @@
-"""What scenario files say, checked key by key: JSON, the CSV format of the TPCAP competition, occupancy maps.
+"""What scenario files say, checked key by key: JSON, drawings, occupancy maps, and the CSV format of TPCAP.
 
 A key of the JSON format is one entry of `PARSERS`, which turns what the file says into the field of the same name of
 `Scenario`, or raises. A TPCAP file is one row of numbers without names,
@@ -8,7 +8,7 @@ A key of the JSON format is one entry of `PARSERS`, which turns what the file sa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,13 +18,15 @@ from typing import Any
 import numpy as np
 
 from drake_gnnocp.files import PACKAGE, parse_json, read_text
+from drake_gnnocp.maps.dxf import read_dxf
+from drake_gnnocp.maps.geojson import parse_geojson
 from drake_gnnocp.maps.grid_outlines import fields_of_grid
 from drake_gnnocp.maps.occupancy_map import read_map
 from drake_gnnocp.shapes import Area
 from drake_gnnocp.vehicle import Vehicle
 
 MAP_SUFFIXES = (".yaml", ".yml")
-SUFFIXES = (".json", ".csv", *MAP_SUFFIXES)
+SUFFIXES = (".json", ".geojson", ".dxf", ".csv", *MAP_SUFFIXES)
 POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
 LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
 LONGEST_NAME = 100  # bytes, names of files end at 255
@@ -59,21 +61,34 @@ def path_of(source: str | Path) -> Path:
     return Path(source)
 
 
-def read_fields(path: Path, unknown: str) -> dict[str, Any]:
-    """The fields of the scenario in a file with one of the SUFFIXES; those of an occupancy map lack start and goal.
+def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[str, Any]:
+    """The fields of the scenario in a file with one of the SUFFIXES.
+
+    Those of an occupancy map lack start and goal, those of a drawing may.
 
     Args:
         path: of the file.
         unknown: what unknown cells of an occupancy map are taken for.
+        layers: of a DXF drawing: only what is on these is an obstacle.
+
+    Args:
+        path: of the file; a drawing may have neither start nor goal.
+        layers: of a DXF drawing: only what is on these is an obstacle.
 
     Raises:
         ValueError: the file is missing or unreadable, or a value is illegal; the message is one line.
     """
-    if path.suffix.lower() in MAP_SUFFIXES:
+    suffix = path.suffix.lower()
+    if layers and suffix != ".dxf":
+        raise ScenarioError("--layers: only a .dxf file has layers")
+    if suffix in MAP_SUFFIXES:
         return {"name": _name(path.stem), **fields_of_grid(read_map(path, unknown))}
+    if suffix == ".dxf":
+        return checked_fields(read_dxf(path, layers), DRAWN_KEYS)
     text = read_text(path)
-    is_json = path.suffix.lower() == ".json"
-    return checked_fields(parse_json(text) if is_json else parse_tpcap(text, path.stem))
+    if suffix == ".geojson":
+        return checked_fields(parse_geojson(text, path.stem), DRAWN_KEYS)
+    return checked_fields(parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
 
 
 def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
@@ -83,28 +98,31 @@ def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
         ScenarioError: one of them is missing.
     """
     for end in ("start", "goal"):
-        if end not in fields:
-            raise ScenarioError(
-                f"{end}: missing; a map has none: give start and goal (--start X Y THETA --goal X Y THETA)"
-            )
+        if end not in fields and f"{end}s" not in fields:
+            raise ScenarioError(f"{end}: missing; where the file has none, give --{end} X Y THETA")
     return fields
 
 
-def checked_fields(data: Any) -> dict[str, Any]:
+def checked_fields(data: Any, required: Sequence[str] | None = None) -> dict[str, Any]:
     """The fields of a scenario by name, from the keys of the JSON format; keys that are left out or null have none.
+
+    Args:
+        data: the keys and what they hold.
+        required: keys that must not be left out; None for REQUIRED_KEYS.
 
     Raises:
         ScenarioError: a key is missing, unknown or has an illegal value; the message names it.
     """
+    required = REQUIRED_KEYS if required is None else required
     if not isinstance(data, dict):
         raise ScenarioError(f"scenario: must be an object with the keys {', '.join(KEYS)}, not {shown(data)}")
     for key in data:
         if key not in KEYS:
             raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
-    for key in REQUIRED_KEYS:
+    for key in required:
         if key not in data:
             raise ScenarioError(f"{key}: missing")
-    given = [key for key in KEYS if key in REQUIRED_KEYS or data.get(key) is not None]
+    given = [key for key in KEYS if key in required or data.get(key) is not None]
     return {key: PARSERS[key](data[key]) for key in given}
 
 
@@ -173,7 +191,7 @@ def _area(what: str, value: dict[str, Any]) -> Area:
             raise ScenarioError(f"{what}.{key}: unknown key; allowed are {', '.join(Area._fields)}")
     if "ring" not in value:
         raise ScenarioError(f"{what}.ring: missing")
-    holes = value.get("holes") or []
+    holes = [] if value.get("holes") is None else value["holes"]
     if not isinstance(holes, list | tuple):
         raise ScenarioError(f"{what}.holes: must be a list of polygons, not {shown(holes)}")
     rings = tuple(_vertices(f"{what}.holes[{k}]", hole, least=3) for k, hole in enumerate(holes))
@@ -227,6 +245,7 @@ PARSERS: dict[str, Callable[[Any], Any]] = {
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]
+DRAWN_KEYS = ("name", "obstacles")  # of a drawing
 
 
 def parse_tpcap(text: str, name: str) -> dict[str, Any]:

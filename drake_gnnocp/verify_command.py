@@ -7,7 +7,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from drake_gnnocp.arguments import add_task_arguments, with_signed_numbers
+from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
 from drake_gnnocp.command_line import DONE, NOT_VERIFIED, OneLineParser, failed
 from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
@@ -41,13 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, verify, print a table of findings and write the files; returns the exit code."""
     arguments = _parser().parse_args(with_signed_numbers(sys.argv[1:] if argv is None else argv))
     try:
-        scenario = Scenario.load(
-            arguments.scenario,
-            start=arguments.start,
-            goal=arguments.goal,
-            vehicle=arguments.vehicle,
-            unknown=arguments.unknown,
-        )
+        scenario = Scenario.load(arguments.scenario, **{key: getattr(arguments, key) for key in TASK})
         trajectory = Trajectory.load_csv(arguments.trajectory)
         if trajectory.flaw:
             raise ValueError(f"{arguments.trajectory}: {trajectory.flaw}")

@@ -239,12 +239,15 @@ def test_a_network_without_weights_is_refused(
     [
         ("missing.json", "missing.json: file: cannot be read: No such file or directory"),
         ("nowhere/missing.csv", "nowhere/missing.csv: file: cannot be read: No such file or directory"),
-        ("folder", "folder: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name (angled_in, "),
+        (
+            "folder",
+            "folder: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name (angled",
+        ),
         ("folder.json", "folder.json: file: is a folder"),
         ("folder.csv", "folder.csv: file: is a folder"),
-        ("map.xml", "map.xml: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
-        ("map_z", "map_z: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
-        ("", "'': scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
+        ("map.xml", "map.xml: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
+        ("map_z", "map_z: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
+        ("", "'': scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
         ("x" * 300 + ".json", "x" * 300 + ".json: file: cannot be read: File name too long"),
     ],
 )

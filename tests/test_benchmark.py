@@ -215,7 +215,7 @@ def test_the_papers_numbers_are_the_papers() -> None:
     ("arguments", "message"),
     [
         ([], "SCENARIO or --tasks: nothing to plan"),
-        (["map_z"], "map_z: scenario: neither a .json, .csv, .yaml or .yml file nor a bundled name"),
+        (["map_z"], "map_z: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
         (["map_a", "--methods", "gnn", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
         (["map_a", "--methods", "auto", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
         (["map_a", "--methods", "magic"], "invalid choice: 'magic'"),

@@ -8,6 +8,7 @@ import multiprocessing
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,9 +98,9 @@ def test_the_time_that_reading_the_scenario_takes_counts(
 ) -> None:
     now, read = [0.0], Scenario.load
 
-    def slowly(name: str) -> Scenario:
+    def slowly(name: str, **options: Any) -> Scenario:
         now[0] += 100.0
-        return read(name)
+        return read(name, **options)
 
     monkeypatch.setattr(Scenario, "load", slowly)
     monkeypatch.setattr(Budget, "of", lambda seconds: Budget(seconds, lambda: now[0]))

@@ -13,18 +13,8 @@ import drake_gnnocp
 
 PACKAGE = Path(drake_gnnocp.__file__).parent
 CORE = {
-    *(
-        "files",
-        "budget",
-        "drake_log",
-        "vehicle",
-        "polygons",
-        "shapes",
-        "maps",
-        "scenario_files",
-        "trajectory",
-        "scenario",
-    ),
+    *("files", "budget", "drake_log", "vehicle", "polygons", "shapes", "maps"),
+    *("scenario_files", "trajectory", "scenario"),
 }
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below
     CORE,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from malformed_drawings import damaged_dxf, damaged_geojson
 
 from drake_gnnocp import Scenario, command_line
 from drake_gnnocp.command_line import main
@@ -166,8 +167,20 @@ def test_malformed_files_are_one_line_each(wanted: int, capsys: pytest.CaptureFi
     assert {path.name for path in Path().iterdir()} <= {"bad.json", "bad.csv", "out"}
 
 
+@pytest.mark.parametrize(("suffix", "make"), [(".dxf", damaged_dxf), (".geojson", damaged_geojson)])
+@pytest.mark.parametrize("wanted", [150, pytest.param(5_000, marks=pytest.mark.slow)])
+def test_malformed_drawings_are_one_line_each(
+    wanted: int, suffix: str, make: Callable[[np.random.Generator], bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng, refused = np.random.default_rng(wanted), 0
+    path = Path(f"bad{suffix}")
+    while refused < wanted:
+        path.write_bytes(make(rng))
+        refused += is_refused(path.name, capsys)
+
+
 @pytest.mark.parametrize("make", [is_fifo, is_device, is_loop, Path.mkdir])
-@pytest.mark.parametrize("suffix", [".json", ".csv"])
+@pytest.mark.parametrize("suffix", [".json", ".csv", ".geojson", ".dxf"])
 def test_what_is_no_file_is_one_line(
     make: Callable[[Path], None], suffix: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

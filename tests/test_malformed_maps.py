@@ -265,8 +265,6 @@ def test_what_is_no_file_is_one_line(
 
 def test_a_map_needs_start_and_goal(capsys: pytest.CaptureFixture[str]) -> None:
     Path("bad.yaml").write_bytes(text_of(GOOD))
-    assert refusal(capsys, arguments=[]) == (
-        "start: missing; a map has none: give start and goal (--start X Y THETA --goal X Y THETA)"
-    )
+    assert refusal(capsys, arguments=[]) == ("start: missing; where the file has none, give --start X Y THETA")
     assert (refusal(capsys, arguments=POSES[:4]) or "").startswith("goal: missing")
     assert refusal(capsys) is None

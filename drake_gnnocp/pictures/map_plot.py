@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.path import Path
 
 from drake_gnnocp.pictures import style
@@ -123,7 +123,8 @@ def _draw_obstacles(ax: Axes, scenario: Scenario, origin: np.ndarray) -> None:
     if len(shapes.polygons):
         outlines = [_compound_path(polygon) for polygon in shapes.polygons]
         look: dict[str, Any] = {"fc": style.OBSTACLE, "ec": style.OBSTACLE_EDGE, "linewidths": 0.8}
-        ax.add_collection(PathCollection(outlines, label="obstacles", zorder=2, **look), autolim=False)
+        ax.add_collection(PathCollection(outlines, zorder=2, **look), autolim=False)
+        ax.add_patch(Rectangle((0, 0), 0, 0, fc=style.OBSTACLE, ec=style.OBSTACLE_EDGE, lw=0.8, label="obstacles"))
     if len(shapes.lines):
         lines = [shapely.get_coordinates(line) for line in shapes.lines]
         look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round"}
