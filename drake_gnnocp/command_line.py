@@ -1,7 +1,4 @@
-"""The command line `python -m drake_gnnocp.plan [SCENARIO]`, and what it shares with those of the experiments.
-
-Bad input is one line on stderr and exit code 2; output that cannot be written is one line and 4.
-"""
+"""The command line `python -m drake_gnnocp.plan [SCENARIO ...]`, and how commands are run."""
 
 from __future__ import annotations
 
@@ -9,16 +6,30 @@ import argparse
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any
 
-from drake_gnnocp.arguments import add_task_arguments, with_signed_numbers
+from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
+from drake_gnnocp.batch import BAD_INPUT as BAD_ROW
+from drake_gnnocp.batch import MARK, SUMMARY, Batch, files_in, mark, sources_of, table
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.console import (
+    BAD_INPUT,
+    DONE,
+    INTERRUPTED,
+    NOBODY_READS,
+    NOT_VERIFIED,
+    OneLineParser,
+    failed,
+    positive,
+)
 from drake_gnnocp.drake_log import log_to_stderr
-from drake_gnnocp.files import check_writable, replaced_together
+from drake_gnnocp.exports import EXPORTS, Exports, add_exports
+from drake_gnnocp.files import check_writable, replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, horizon_of
 from drake_gnnocp.planner.options import GUESSES, PlanOptions, source_named
@@ -26,79 +37,7 @@ from drake_gnnocp.planner.planner import PlanInterrupted, plan
 from drake_gnnocp.planner.result import FILES, Plan
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
-DONE, BAD_INPUT, NOT_VERIFIED, NOT_WRITTEN, INTERRUPTED, NOBODY_READS = 0, 2, 3, 4, 130, 141  # exit codes
-OUTPUTS = (*FILES, "plan.png", "states.png", "replay.html")
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with one line instead of argparse's usage and message."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
-
-
-def count(text: str) -> int:
-    """An argument that is a whole number of 0 or more."""
-    if not text.isdecimal() or len(text) > 9:
-        raise argparse.ArgumentTypeError(f"must be a number of 0 or more, not {text!r}")
-    return int(text)
-
-
-def positive(text: str) -> int:
-    """An argument that is a whole number of 1 or more."""
-    if (n := count(text)) == 0:
-        raise argparse.ArgumentTypeError(f"must be a number of 1 or more, not {text!r}")
-    return n
-
-
-def seconds(text: str) -> float:
-    """An argument that is a time in (0, 100000] [s]."""
-    return _at_most(1e5, "0 to 100000 seconds", text)
-
-
-def share(text: str) -> float:
-    """An argument that is a number in (0, 1]."""
-    return _at_most(1.0, "above 0 and at most 1", text)
-
-
-def _at_most(most: float, meaning: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 < value <= most:
-        raise argparse.ArgumentTypeError(f"must be {meaning}, not {text!r}")
-    return value
-
-
-def reported(texts: Iterable[str], out: Path, wrong: type[Exception] = ValueError) -> int:
-    """Print the texts that a command makes, as they come; what is wrong with its input is one line on stderr.
-
-    Args:
-        texts: their making is the command's work, which writes into the folder `out`.
-        out: see above.
-        wrong: the errors that name what is wrong with the input.
-
-    Returns:
-        The exit code.
-    """
-    try:
-        for text in texts:
-            print(text)
-    except (wrong, OSError) as error:
-        return failed(error, out)
-    print(f"written to {out}")
-    return DONE
-
-
-def failed(error: Exception, out: Path) -> int:
-    """Say in one line on stderr what is wrong with the input or with the folder `out`; returns the exit code."""
-    if not isinstance(error, OSError):
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return BAD_INPUT
-    print(f"--out: {error.filename or out}: {error.strerror or error}", file=sys.stderr)
-    return BAD_INPUT if isinstance(error, FileExistsError | NotADirectoryError) else NOT_WRITTEN
+OUTPUTS = (*FILES, "plan.png", "states.png", "replay.html", *EXPORTS, MARK)
 
 
 def run_command(main: Callable[[], int]) -> int:
@@ -140,14 +79,15 @@ def _parser() -> argparse.ArgumentParser:
         description="Plan a trajectory for a car among polygons, verify it, and draw it.",
         epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is written, unless "
         "there is no path), 4 the output could not be written, 130 interrupted (the best plan so far is written, where "
-        "there is one).",
+        "there is one). Of a batch: 2 where an input is bad (the rest is planned), else 3 where one is not verified.",
     )
     parser.add_argument(
         "scenario",
-        nargs="?",
-        default="map_a",
+        nargs="*",
+        default=["map_a"],
         help="a bundled name (see --list), a .json, .geojson, .dxf or TPCAP .csv file, or the .yaml file of an "
-        "occupancy map (docs/scenario.md; default: %(default)s)",
+        "occupancy map (docs/scenario.md; default: map_a); several of them, or a folder of files, are a batch, each in "
+        f"a folder of its name in DIR, and {SUMMARY} of all",
     )
     add_task_arguments(parser)
     parser.add_argument(
@@ -175,11 +115,21 @@ def _parser() -> argparse.ArgumentParser:
         help="clearance in m that is kept at all times, but where start or goal leaves less (default: the scenario's)",
     )
     parser.add_argument("--no-pictures", action="store_true", help="write no plan.png, states.png and replay.html")
+    add_exports(parser)
+    _add_batch(parser)
     parser.add_argument("--list", action="store_true", help="list the bundled scenarios and exit")
     parser.add_argument(
         "--verbose", action="store_true", help="log to stderr what is tried and what the solver says of it"
     )
     return parser
+
+
+def _add_batch(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    cores = os.cpu_count() or 1
+    add("--jobs", type=positive, metavar="N", help=f"processes of a batch (default: {cores}, the cores)")
+    add("--dask", metavar="ADDRESS", help="plan a batch on a Dask cluster, such as tcp://host:8786, that sees DIR")
+    add("--again", action="store_true", help="plan what the batch has planned already again")
 
 
 def _horizon(text: str) -> Horizon:
@@ -191,7 +141,8 @@ def _horizon(text: str) -> Horizon:
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, plan, write the files and print a summary; returns the exit code."""
-    arguments = _parser().parse_args(with_signed_numbers(sys.argv[1:] if argv is None else argv))
+    argv = with_signed_numbers(sys.argv[1:] if argv is None else argv)
+    arguments = _parser().parse_intermixed_args(argv)  # names may stand before and after options
     log_to_stderr(logging.INFO if arguments.verbose else logging.WARNING, logging.BASIC_FORMAT)
     if arguments.verbose:
         logging.getLogger("drake_gnnocp").setLevel(logging.DEBUG)
@@ -199,47 +150,132 @@ def main(argv: list[str] | None = None) -> int:
         for name in bundled_scenarios():
             print(name)
         return DONE
-    out = arguments.out or Path("artifacts") / "plans"
+    exports = Exports(arguments.rate, arguments.reference, arguments.format, arguments.gif, arguments.mp4)
+    how = (arguments.guess, arguments.horizon, arguments.max_seconds)
+    task = {key: getattr(arguments, key) for key in TASK}
+    load, pictures = partial(_load, task, arguments.clearance), not arguments.no_pictures
+    sources, plans = arguments.scenario, Path("artifacts") / "plans"
+    if len(sources) > 1 or files_in(sources[0]) or arguments.jobs or arguments.dask or arguments.again:
+        out = arguments.out or plans
+        out = out.absolute() if arguments.dask else out
+        options = {"guess": how[0], "horizon": repr(how[1]), "max_seconds": how[2], "pictures": pictures}
+        job = partial(plan_into, how, exports, pictures)
+        jobs = arguments.jobs or os.cpu_count() or 1
+        batch = Batch(out, job, options | asdict(exports), jobs, arguments.dask, arguments.again)
+        return _plan_batch(batch, sources, load, how, exports)
+    return _plan_one(sources[0], load, how, exports, arguments.out, plans, pictures)
+
+
+How = tuple[str, Horizon | str, float]  # guess, horizon, seconds of the budget
+
+
+def _load(task: Mapping[str, Any], clearance: float | None, source: str) -> Scenario:
+    """The scenario that is meant.
+
+    Raises:
+        ScenarioError: there is none; the message is one line.
+    """
+    scenario = Scenario.load(source, **task)
+    return scenario if clearance is None else replace(scenario, clearance=clearance)
+
+
+def _check(how: How, exports: Exports) -> Budget:
+    """The budget, where all that is asked for can be done.
+
+    Raises:
+        ValueError: it cannot, or what it needs is not there.
+    """
+    guess, _, max_seconds = how
+    if not max_seconds > 0:
+        raise ValueError(f"--max-seconds: must be positive, not {max_seconds:g}")
+    exports.check()
+    budget = Budget.of(max_seconds)
+    with budget.standing_still():
+        source_named(guess, PlanOptions())  # raises where it needs what is not there
+    return budget
+
+
+def _plan_one(
+    source: str,
+    load: Callable[[str], Scenario],
+    how: How,
+    exports: Exports,
+    out: Path | None,
+    plans: Path,
+    pictures: bool,
+) -> int:
+    """Plan one scenario into `out`, or a folder of its name in `plans`; returns the exit code."""
     try:
-        if not arguments.max_seconds > 0:
-            raise ValueError(f"--max-seconds: must be positive, not {arguments.max_seconds:g}")
-        budget = Budget.of(arguments.max_seconds)
-        scenario = Scenario.load(
-            arguments.scenario,
-            unknown=arguments.unknown,
-            layers=arguments.layers,
-            start=arguments.start,
-            goal=arguments.goal,
-            vehicle=arguments.vehicle,
-        )
-        if arguments.clearance is not None:
-            scenario = replace(scenario, clearance=arguments.clearance)
-        with budget.standing_still():
-            source_named(arguments.guess, PlanOptions())  # raises where it needs what is not there
-        out = arguments.out or out / scenario.name
-        check_writable(out, OUTPUTS)  # raises before anything is computed that could then not be written
+        budget = _check(how, exports)
+        scenario = load(source)
+        plans = out or plans / scenario.name
+        check_writable(plans, OUTPUTS)  # raises before anything is computed that could then not be written
     except (ValueError, OSError) as error:
-        return failed(error, out)
+        return failed(error, out or plans)
     interrupted = False
     try:
         try:
-            result = plan(scenario, arguments.guess, arguments.horizon, budget)
+            result = plan(scenario, *how[:2], budget)
         except PlanInterrupted as interruption:
             if interruption.plan is None:
                 raise
             result, interrupted = interruption.plan, True
-        with replaced_together(out, OUTPUTS) as stage:
-            result.save(stage)
-            if not arguments.no_pictures and not interrupted:
-                _save_pictures(result, stage)
+            exports, pictures = replace(exports, gif=False, mp4=False), False
+        result, note = _write(result, plans, exports, pictures)
     except OSError as error:
-        return failed(error, out)
+        return failed(error, plans)
     print(result.summary)
-    print(f"written to {out}")
+    print(f"written to {plans}")
+    if note:
+        print(note, file=sys.stderr)
     if interrupted:
         print("interrupted: this is the best plan so far", file=sys.stderr)
         return INTERRUPTED
-    return DONE if result.verified else NOT_VERIFIED
+    return DONE if result.verified and not note else NOT_VERIFIED
+
+
+def _plan_batch(batch: Batch, sources: list[str], load: Callable[[str], Scenario], how: How, exports: Exports) -> int:
+    """Plan several scenarios, and print a table of them; returns the exit code."""
+    try:
+        _check(how, exports)
+        sources = sources_of(sources)
+        rows, interrupted = batch.run(sources, load)
+    except (ValueError, OSError) as error:
+        return failed(error, batch.out)
+    print("\n".join(table(rows)))
+    print(f"written to {batch.out}")
+    if interrupted:
+        print(f"interrupted: {len(rows)} of {len(sources)} are done; the same command goes on", file=sys.stderr)
+        return INTERRUPTED
+    if any(row.status == BAD_ROW for row in rows):
+        return BAD_INPUT
+    return DONE if all(row.is_as_asked for row in rows) else NOT_VERIFIED
+
+
+def plan_into(
+    how: How, exports: Exports, pictures: bool, scenario: Scenario, folder: Path, options: Mapping[str, Any]
+) -> None:
+    """Plan a scenario of a batch and write its files.
+
+    Raises:
+        OSError: they could not be written.
+    """
+    _write(plan(scenario, *how), folder, exports, pictures, options)
+
+
+def _write(
+    result: Plan, out: Path, exports: Exports, pictures: bool, options: Mapping[str, Any] | None = None
+) -> tuple[Plan, str]:
+    """Write a plan as it is asked for; returns what was written, and why that is not so."""
+    result, note = exports.resampled(result)
+    with replaced_together(out, OUTPUTS) as stage:
+        result.save(stage)
+        exports.save(result, stage)
+        if pictures:
+            _save_pictures(result, stage)
+        if options is not None:
+            write_atomically(stage / MARK, mark(options, [path.name for path in stage.iterdir()], note))
+    return result, note
 
 
 def _save_pictures(result: Plan, folder: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
-from drake_gnnocp.command_line import DONE, NOT_VERIFIED, OneLineParser, failed
+from drake_gnnocp.console import DONE, NOT_VERIFIED, OneLineParser, failed
 from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
 from drake_gnnocp.scenario import Scenario

@@ -162,7 +162,6 @@ OPTIONS: list[tuple[list[str], str]] = [
     (["--max-seconds", "soon"], "--max-seconds: invalid float value: 'soon'"),
     (["--max-seconds"], "--max-seconds: expected one argument"),
     (["--speed", "3"], "unrecognized arguments: --speed"),
-    (["a_second_scenario"], "unrecognized arguments: a_second_scenario"),
 ]
 
 

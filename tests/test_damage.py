@@ -192,7 +192,7 @@ def test_maps_of_a_worker_that_was_killed_are_tried_again_as_long_as_others_are_
     straight_record: MakeMap,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(command, "_executor", lambda *_: nullcontext(Dying(straight_record, deadly)))
+    monkeypatch.setattr(command, "workers", lambda *_: nullcontext(Dying(straight_record, deadly)))
     monkeypatch.setattr(command, "write_datasheet", lambda *_: None)
     assert command.main(["--maps", "5", "--pairs", "2", "--out", str(tmp_path)]) == code
     made = [record.index for record in load_dataset(tmp_path)]

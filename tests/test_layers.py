@@ -13,7 +13,7 @@ import drake_gnnocp
 
 PACKAGE = Path(drake_gnnocp.__file__).parent
 CORE = {
-    *("files", "budget", "drake_log", "vehicle", "polygons", "shapes", "maps"),
+    *("workers", "files", "budget", "drake_log", "vehicle", "polygons", "shapes", "maps"),
     *("scenario_files", "trajectory", "scenario"),
 }
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below
@@ -21,12 +21,14 @@ FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see
     {"simulation", "verification", "search", "timing", "learning"},
     {"guesses", "ocp"},
     {"planner"},
-    {"pictures", "arguments", "command_line", "verify_command"},
+    {"console", "arguments", "pictures", "exports", "batch", "command_line", "verify_command"},
     {"experiments"},
 )
 ASIDE = {  # imports within a floor, beside CORE's
-    *{("timing", "search"), ("ocp", "ocp"), ("command_line", "pictures"), ("command_line", "arguments")},
-    *{("verify_command", "pictures"), ("verify_command", "command_line"), ("verify_command", "arguments")},
+    *{("timing", "search"), ("timing", "simulation"), ("ocp", "ocp"), ("command_line", "pictures")},
+    *{("exports", "pictures"), ("command_line", "exports"), ("command_line", "batch")},
+    *{("command_line", "console"), ("verify_command", "console"), ("command_line", "arguments")},
+    *{("verify_command", "pictures"), ("verify_command", "arguments")},
 }
 FACES = {"__init__", "plan", "verify"}  # the public face and the commands see all
 COMMANDS = {"dataset", "train", "benchmark", "ocp_benchmark", "figures", "tables", "analysis", "notebooks"}

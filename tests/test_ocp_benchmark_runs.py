@@ -21,7 +21,7 @@ from drake_gnnocp.experiments.benchmark.solving import NO_METHOD, Settings, solv
 from drake_gnnocp.experiments.benchmark.tasks import random_tasks
 from drake_gnnocp.experiments.benchmark.worker import Worker, WorkerDied, WorkerNotStarted
 from drake_gnnocp.experiments.reports.solving import PEER, main, summarise
-from drake_gnnocp.experiments.single_thread import single_threaded_children
+from drake_gnnocp.workers import single_threaded_children
 
 GUESS = "hybrid_astar"
 

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, seconds
+from drake_gnnocp.console import BAD_INPUT, DONE, OneLineParser, seconds
 from drake_gnnocp.files import write_atomically
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from drake_gnnocp.command_line import OneLineParser, seconds
+from drake_gnnocp.console import OneLineParser, seconds
 
 TIMING_EPILOG = "Exit code: 0 done, however many plans failed; 2 bad input. Timings want an otherwise idle machine."
 

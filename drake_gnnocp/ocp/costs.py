@@ -221,7 +221,9 @@ def total_cost(terms: list[CostTerm], knots: np.ndarray, step: float) -> float:
 
 
 def evaluate_cost(trajectory: Trajectory, scenario: Scenario, weights: CostWeights) -> Cost:
-    """The cost of a trajectory of a scenario."""
+    """The cost of a trajectory of a scenario, in units of the car (see `Scenario.in_car_lengths`)."""
+    trajectory = trajectory.scaled(scenario.unit / scenario.in_car_lengths.unit)
+    scenario = scenario.in_car_lengths
     h = trajectory.duration / (len(trajectory) - 1)
     near = replace(proximity(scenario, trajectory.poses, weights), weight=1.0)
     j1 = h * float(Smoothness(1.0).evaluate(trajectory.inputs)[0].sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path as FilePath
 from textwrap import fill
 from typing import Any
@@ -39,6 +40,7 @@ def draw_map(
     title: str | None = None,
     fault: Finding | None = None,
     no_path: NoPath | None = None,
+    footprints: bool = True,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -52,6 +54,7 @@ def draw_map(
         title: written above the map.
         fault: of the plan, marked where it is; the plan is then not called optimised.
         no_path: why there is no path: where it is blocked is marked.
+        footprints: whether the car is drawn along the plan.
 
     Returns:
         ax
@@ -62,7 +65,7 @@ def draw_map(
     if (bounds := relative_bounds(scenario, origin)) is not None:
         look: dict[str, Any] = {"fill": False, "ec": style.LIMIT, "ls": (0, (6, 2, 1, 2)), "label": "bounds"}
         ax.add_patch(Polygon(shapely.get_coordinates(bounds), **look))  # dash-dotted
-    if trajectory is not None:
+    if trajectory is not None and footprints:
         _draw_footprints(ax, scenario.vehicle, relative_poses(trajectory.poses, origin))
     if guess is not None:
         ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
@@ -93,12 +96,17 @@ def plan_figure(
     no_path: NoPath | None = None,
 ) -> Figure:
     """The map of a plan as a figure of its own, for a notebook or a file."""
-    low, high = extent(scenario, (trajectory, guess), readable_origin(scenario))
-    width, height = high - low
-    scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
-    figure = style.new_figure(max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1])
+    figure = style.new_figure(*map_size(scenario, (trajectory, guess)))
     draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path)
     return figure
+
+
+def map_size(scenario: Scenario, trajectories: Iterable[Trajectory | None]) -> tuple[float, float]:
+    """Width and height of a figure that the map fits into, with its legend and labels [inch]."""
+    low, high = extent(scenario, trajectories, readable_origin(scenario))
+    width, height = high - low
+    scale = min(MAP_SIZE[0] / width, MAP_SIZE[1] / height)
+    return max(width * scale, 2.5) + LEGEND_ROOM[0], max(height * scale, 1.6) + LEGEND_ROOM[1]
 
 
 def save_plan_picture(

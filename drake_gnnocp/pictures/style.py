@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -55,9 +57,16 @@ def dress(ax: Axes) -> Axes:
 def save_figure(figure: Figure, path: Path | str) -> None:
     """Write a figure in the format of its suffix, beside its place first: a killed run leaves no half picture."""
     path = Path(path)
+    with beside(path) as temporary:
+        write_figure(figure, temporary, path.suffix[1:] or "png")
+
+
+@contextmanager
+def beside(path: Path) -> Iterator[Path]:
+    """A temporary file that takes the place of a file once it is written."""
     temporary = path.with_name(f".{path.name}.tmp{os.getpid()}")
     try:
-        write_figure(figure, temporary, path.suffix[1:] or "png")
+        yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

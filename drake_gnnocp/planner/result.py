@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from drake_gnnocp.files import replaced_together, write_atomically
-from drake_gnnocp.ocp.costs import Cost
+from drake_gnnocp.ocp.costs import Cost, evaluate_cost
 from drake_gnnocp.ocp.refine import counted
 from drake_gnnocp.planner.attempt import AT_REST, Attempt
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.reachability import NoPath
+from drake_gnnocp.timing.at_rate import at_rate
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.verification import Finding, Verification
+from drake_gnnocp.verification import Finding, Verification, verify
 
 FILES = ("scenario.json", "trajectory.csv", "guess.csv", "result.json")  # of a plan
 
@@ -118,6 +119,26 @@ class Plan:
         from drake_gnnocp.pictures import plan_html  # matplotlib is not for everyone
 
         return plan_html(self)
+
+    def resampled(self, rate: float) -> Plan:
+        """The plan with rows every 1 / rate [Hz], verified and costed anew as it then is; see `timing.at_rate`.
+
+        Where the rows are too far apart for the plan's motion, the status is "unverified".
+
+        Raises:
+            ValueError: there is no trajectory, or there would be too few or too many rows.
+        """
+        attempt = self.attempt
+        if attempt.best is None or attempt.cost is None:
+            raise ValueError(f"{rate:g} Hz: there is no trajectory")
+        solve, (x0, y0, _) = attempt.solves[attempt.best], self.scenario.start
+        scenario = self.scenario.translated(-x0, -y0)  # near the origin, see there
+        rows = at_rate(solve.trajectory.translated(-x0, -y0), scenario.vehicle, rate)
+        check, cost = verify(scenario, rows), evaluate_cost(rows, scenario, attempt.cost.weights)
+        solves = list(attempt.solves)
+        solves[attempt.best] = replace(solve, trajectory=rows, verification=check).placed(x0, y0, unit=1.0)
+        made = replace(attempt, solves=tuple(solves), cost=cost, reason="; ".join(check.faults))
+        return replace(self, attempts=(*self.attempts[: self.reported], made, *self.attempts[self.reported + 1 :]))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""

@@ -10,7 +10,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drake_gnnocp.experiments.single_thread import single_threaded_children
+from drake_gnnocp.workers import single_threaded_children
 
 START_SECONDS = 60.0  # s, allowed on top of a first call for starting the process
 

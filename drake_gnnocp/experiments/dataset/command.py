@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import logging
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 
-from drake_gnnocp.command_line import OneLineParser, count, reported
+from drake_gnnocp.console import OneLineParser, count, reported
 from drake_gnnocp.experiments.dataset.datasheet import write_datasheet
 from drake_gnnocp.experiments.dataset.generate import (
     DatasetError,
@@ -27,9 +25,9 @@ from drake_gnnocp.experiments.dataset.generate import (
     settings_of,
 )
 from drake_gnnocp.experiments.dataset.improve import improving, origin_of
-from drake_gnnocp.experiments.single_thread import single_threaded_children
 from drake_gnnocp.experiments.tasks.place import KINDS
-from drake_gnnocp.files import first_line, locked
+from drake_gnnocp.files import locked
+from drake_gnnocp.workers import workers
 
 logger = logging.getLogger(__name__)
 DEFAULTS = DatasetSettings()
@@ -63,30 +61,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-@contextmanager
-def _executor(jobs: int, dask: str | None) -> Iterator[Executor]:
-    if dask is None:
-        context = multiprocessing.get_context("spawn")
-        # Ctrl-C in a terminal reaches the workers as well, and ends them silently
-        pool = ProcessPoolExecutor(jobs, context, signal.signal, (signal.SIGINT, signal.SIG_DFL))
-        with single_threaded_children(), pool as executor:
-            yield executor
-        return
-    try:
-        from distributed import Client  # an extra: most users need one machine
-
-        client = Client(dask)
-    except (ImportError, OSError, ValueError) as error:
-        raise DatasetError(f"--dask: {dask}: {first_line(error)}") from None
-    with client:
-        yield client.get_executor(pure=False)
-
-
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments and make what is missing; returns the exit code."""
     arguments = _parser().parse_args(argv)
     settings = DatasetSettings(arguments.seed, arguments.maps, arguments.pairs)
-    executor = partial(_executor, max(1, arguments.jobs), arguments.dask)
+    executor = partial(workers, max(1, arguments.jobs), arguments.dask)
     made = _made(settings, tuple(arguments.kinds), arguments.out, executor, arguments.improve, arguments.weights)
     return reported(made, arguments.out)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from drake_gnnocp.command_line import DONE, OneLineParser, failed, seconds
+from drake_gnnocp.console import DONE, OneLineParser, failed, seconds
 from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.figures.car import vehicle_figure
 from drake_gnnocp.experiments.figures.comparison import disparity_figure, error_along_figure, states_figure

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from drake_gnnocp.command_line import OneLineParser, count, reported, seconds
+from drake_gnnocp.console import OneLineParser, count, reported, seconds
 from drake_gnnocp.experiments.benchmark.guesses import BAD_GUESSES, SEARCHED
 from drake_gnnocp.experiments.benchmark.methods import CASADI, DRAKE, SOLVERS, STOP_NOTE
 from drake_gnnocp.experiments.benchmark.solving import NO_METHOD, Settings, solving_engine, solving_jobs

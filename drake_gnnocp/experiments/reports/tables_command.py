@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from drake_gnnocp.command_line import OneLineParser, positive, reported
+from drake_gnnocp.console import OneLineParser, positive, reported
 from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.experiments.benchmark.methods import (
     GNN,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 
-from drake_gnnocp.command_line import BAD_INPUT, DONE, OneLineParser, count, positive, share
+from drake_gnnocp.console import BAD_INPUT, DONE, OneLineParser, count, positive, share
 from drake_gnnocp.experiments.dataset.generate import load_dataset
 from drake_gnnocp.experiments.training.curves import comparison
 from drake_gnnocp.experiments.training.job import Job, run
