@@ -1,4 +1,4 @@
-"""Polygons: cleaning, validity, and the exact decomposition of concave ones into convex parts.
+"""Polygons: cleaning, validity, and what many of them cover together.
 
 A ring is an (N, 2) array of vertices [m], not closed: the last vertex is joined to the first.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -18,10 +17,9 @@ PLAIN_DEPTH, PLAIN_ROUNDING = 1e-6, 1e-15  # m, and of the coordinates: deeper c
 CHUNK = 4  # edges that are looked at together: each may cross all the others
 NO_AREA, CROSSES = "has no area, or runs back along one of its own edges", "crosses itself"
 TOO_FEW = "has fewer than 3 different vertices"
+POINTS_IN_COMMON = "FF*F0****"  # of two polygons: single points of their outlines, and nothing else
 SPECK = 1e-8  # m, the longest outline of a piece that rounding may leave and that nobody misses
 AREA_TOLERANCE = 1e-9  # relative: a ring and its repaired polygon enclose the same area
-MOST_VERTICES = 60  # of a convex part
-CONVEX_TOLERANCE = 1e-12  # of the squared perimeter: turns above -this count as convex
 
 
 def signed_area(ring: np.ndarray) -> float:
@@ -58,6 +56,14 @@ def polygons_of(ring: np.ndarray) -> list[shapely.Polygon]:
     if polygon.is_valid and polygon.area > SMALLEST_AREA:
         return [polygon]
     return _pieces(ring)
+
+
+def polygons_from(rings: Sequence[np.ndarray]) -> np.ndarray:
+    """Rings (N, 2) of at least three vertices as polygons, at once."""
+    if not len(rings):
+        return np.empty(0, dtype=object)
+    owners = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(rings), indices=owners)))
 
 
 def simple_polygons(rings: Sequence[np.ndarray]) -> Iterator[shapely.Polygon | None]:
@@ -151,7 +157,7 @@ def moved(shape: shapely.Geometry, offset: np.ndarray) -> shapely.Geometry:
 
 
 def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:
-    """The region that polygons cover, as polygons that do not overlap: those that touch others become one with them.
+    """The region that polygons cover, as polygons that do not overlap: those that share an edge, or more, become one.
 
     How an obstacle is cut into pieces makes no difference then. Vertices move by SAME_POINT at most.
     """
@@ -159,7 +165,9 @@ def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:
         return list(polygons)
     array = np.array(polygons, dtype=object)
     one, other = shapely.STRtree(array).query(array, predicate="dwithin", distance=SAME_POINT)
-    touching = np.unique(one[one != other])
+    one, other = one[one < other], other[one < other]
+    share_more = ~shapely.relate_pattern(array[one], array[other], POINTS_IN_COMMON)
+    touching = np.unique([one[share_more], other[share_more]])
     if not len(touching):
         return list(polygons)
     union = shapely.get_parts(shapely.union_all(array[touching]))
@@ -167,71 +175,6 @@ def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:
     union = shapely.simplify(shapely.union_all(union, grid_size=SAME_POINT), SAME_POINT)
     alone = np.delete(np.arange(len(polygons)), touching)
     return [*array[alone], *shapely.get_parts(union)]
-
-
-def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
-    """Split a polygon into convex parts that cover it exactly.
-
-    The constrained Delaunay triangles of the polygon are merged across shared edges as long as the union stays convex
-    (Hertel and Mehlhorn 1983: at most four times the least number of parts). No vertices are added.
-
-    Returns:
-        Convex rings, each (M, 2) and counter-clockwise [m].
-    """
-    ring = clean_ring(np.asarray(polygon.exterior.coords)[:-1])
-    if not polygon.interiors and _is_convex(ring.tolist()):
-        return _of_few_vertices(ring)
-    triangles = [np.asarray(t.exterior.coords)[:-1] for t in shapely.constrained_delaunay_triangles(polygon).geoms]
-    vertices, ids = np.unique(np.concatenate(triangles), axis=0, return_inverse=True)
-    parts = []
-    for corner_ids, triangle in zip(ids.reshape(-1, 3).tolist(), triangles, strict=True):
-        parts.append(corner_ids if signed_area(triangle) > 0 else corner_ids[::-1])
-    return [few for part in _merge_convex(parts, vertices) for few in _of_few_vertices(vertices[part])]
-
-
-def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
-    """A convex ring (N, 2) cut into such of at most MOST_VERTICES: arrays of many rings are as wide as the largest."""
-    if len(ring) <= MOST_VERTICES:
-        return [ring]
-    cuts = np.append(np.arange(0, len(ring), MOST_VERTICES - 1), len(ring))
-    closed = np.concatenate([ring, ring[:1]])
-    segments = [closed[first : last + 1] for first, last in pairwise(cuts)]
-    pieces = [*segments, *_of_few_vertices(ring[cuts[:-1]])]
-    return [piece for piece in pieces if signed_area(piece) > SMALLEST_AREA]  # vertices may be on one line
-
-
-def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int]]:
-    """Merge parts, counter-clockwise vertex ids each, across every inner edge that convexity does not need.
-
-    One pass is enough: a merge only widens the angles at the ends of the edges that are left.
-    """
-    parts, points = list(parts), vertices.tolist()
-    owner = {edge: i for i, part in enumerate(parts) for edge in _edges(part)}
-    for u, v in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
-        i, j = owner[u, v], owner[v, u]
-        union = _union_across_edge(parts[i], parts[j], (u, v))
-        if _is_convex([points[k] for k in union]):
-            owner.update({edge: i for edge in _edges(parts[j])})
-            parts[i], parts[j] = union, []
-    return [part for part in parts if part]
-
-
-def _edges(part: list[int]) -> list[tuple[int, int]]:
-    return list(zip(part, [*part[1:], part[0]], strict=True))
-
-
-def _union_across_edge(first: list[int], second: list[int], edge: tuple[int, int]) -> list[int]:
-    """Join two counter-clockwise rings of vertex ids; the edge (u, v) is one of the first, (v, u) of the second."""
-    u, v = edge
-    i, j = first.index(v), second.index(u)  # from v around the first to u, then around the second back to v
-    return first[i:] + first[:i] + (second[j:] + second[:j])[1:-1]
-
-
-def _is_convex(ring: list[list[float]]) -> bool:
-    # numbers of Python: rings are short, and numpy takes four times as long for so few
-    edges = [(bx - ax, by - ay) for (ax, ay), (bx, by) in pairwise([*ring, ring[0]])]
-    scale = sum(math.hypot(x, y) for x, y in edges) ** 2
-    return all(x * v - y * u >= -CONVEX_TOLERANCE * scale for (x, y), (u, v) in pairwise([*edges, edges[0]]))
 
 
 def _following(values: np.ndarray) -> np.ndarray:

@@ -15,10 +15,11 @@ from typing import Any, ClassVar
 import numpy as np
 import shapely
 
+from drake_gnnocp.blocked import Blocked
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.maps.grid_outlines import fields_of_grid
 from drake_gnnocp.maps.occupancy_grid import MEANINGS, grid_of_cells
-from drake_gnnocp.polygons import convex_parts, merged
+from drake_gnnocp.polygons import polygons_from
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
@@ -41,6 +42,9 @@ MOST_CLEARANCE = 100.0  # m, that can be asked for
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
 DECIMALS = 10  # of lengths in a unit that is not the metre: a task at another scale is the same to the last bit then
+COVER_TOLERANCE = 0.013  # of the car's length: what planners take obstacles of many vertices to be larger by
+# of all obstacles together: the outline of more is made simpler, by this share of the gaps that are filled
+MOST_CORNERS, SIMPLER = 3000, 0.3
 SAME_UNIT = 1e-9  # relative: units this near are the same
 LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
 
@@ -82,7 +86,12 @@ class Scenario:
             raise ScenarioError(f"bounds: must be [{BOUNDS}] with min < max, not {list(self.bounds)}")
         if not 0 <= self.clearance <= MOST_CLEARANCE:
             raise ScenarioError(f"clearance: must be 0 to {MOST_CLEARANCE:g} m, not {shown(self.clearance)}")
-        for which, pose in (("start", self.start), ("goal", self.goal)):
+        self._check_ends()
+
+    def _check_ends(self) -> None:
+        for which in ("start", "goal"):
+            pose = _doubles(which, getattr(self, which), f"3 finite numbers [{POSE}]", (3,))
+            object.__setattr__(self, which, pose)
             self._check_pose(which, pose)
         for which, pose in (("start", self.start), ("goal", self.goal)):
             if abs(pose[2]) > LARGEST_HEADING:
@@ -90,14 +99,12 @@ class Scenario:
 
     def _convert(self) -> None:
         object.__setattr__(self, "clearance", float(_doubles("clearance", self.clearance, "a number in m", ())))
-        vertices, poses = "a list of vertices [x, y]", f"3 finite numbers [{POSE}]"
+        vertices = "a list of vertices [x, y]"
         areas = tuple(_area(f"obstacles[{j}]", obstacle, vertices) for j, obstacle in enumerate(self.obstacles))
         object.__setattr__(self, "obstacles", areas)
         lines = tuple(_doubles(f"lines[{j}]", line, vertices, (-1, 2)) for j, line in enumerate(self.lines))
         object.__setattr__(self, "lines", lines)
         object.__setattr__(self, "points", _points(self.points))
-        for which in ("start", "goal"):
-            object.__setattr__(self, which, _doubles(which, getattr(self, which), poses, (3,)))
         if self.bounds is not None:
             object.__setattr__(self, "bounds", _bounds(self.bounds))
 
@@ -144,15 +151,48 @@ class Scenario:
         return shapely.get_coordinates(shapely.centroid(self.polygons))
 
     @cached_property
-    def blocked(self) -> tuple[shapely.Polygon, ...]:
-        """The region that the obstacles cover, however they are cut: polygons that do not touch, holes possible."""
-        return tuple(merged(list(self.polygons)))
+    def _blocked_anywhere(self) -> Blocked:
+        return Blocked.of(self.polygons, COVER_TOLERANCE * self.vehicle.length)
+
+    @cached_property
+    def _blocked(self) -> Blocked:
+        return self._blocked_anywhere.exact_near(self._cars, COVER_TOLERANCE * self.vehicle.length)
+
+    @property
+    def blocked(self) -> np.ndarray:
+        """The region that the obstacles cover, however they are cut: polygons (B,) that do not touch, holes possible.
+
+        Outlines of many vertices are a little outside, but not near start and goal.
+        """
+        return self._blocked.covers
+
+    @property
+    def blocked_exactly(self) -> np.ndarray:
+        """The same region exactly: polygons (B,)."""
+        return self._blocked.polygons
+
+    @cached_property
+    def without_covers(self) -> Scenario | None:
+        """The same task, planned in the region exactly; None where it is anyway."""
+        if not self._blocked.is_larger.any():
+            return None
+        exact = self._mapped(lambda points: points)
+        exact.__dict__.update(_blocked=self._blocked.exactly, unit=self.unit, in_metres=self.in_metres)
+        return exact
+
+    @cached_property
+    def _cars(self) -> np.ndarray:
+        """The car at start and goal: (2,) polygons."""
+        return np.asarray(shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal]))))
 
     @cached_property
     def outline(self) -> shapely.MultiLineString:
         """The outline of `blocked`, with gaps that are narrower than half the car filled."""
         gap = self.vehicle.width / 4
-        grown = shapely.union_all(shapely.buffer(np.array(self.blocked, dtype=object), gap, join_style="mitre"))
+        blocked, union = self.blocked, shapely.union_all
+        if shapely.get_num_coordinates(blocked).sum() > MOST_CORNERS:
+            blocked, union = shapely.simplify(blocked, gap * SIMPLER), shapely.disjoint_subset_union_all
+        grown = union(shapely.buffer(blocked, gap, join_style="mitre"))
         with np.errstate(divide="ignore", invalid="ignore"):  # GEOS divides by zero at some corners, and copes
             filled = shapely.buffer(shapely.get_parts(grown), -gap, join_style="mitre")
         rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
@@ -161,24 +201,22 @@ class Scenario:
     @cached_property
     def convex_obstacles(self) -> tuple[np.ndarray, ...]:
         """Convex rings (M, 2), counter-clockwise, that cover the obstacles [m]."""
-        return tuple(part for polygon in self.blocked for part in convex_parts(polygon))
+        return tuple(part for parts in self._blocked.parts for part in parts)
 
     @cached_property
-    def convex_polygons(self) -> tuple[shapely.Polygon, ...]:
-        """The rings of `convex_obstacles`, in their order, as polygons."""
-        return tuple(shapely.Polygon(ring) for ring in self.convex_obstacles)
+    def convex_polygons(self) -> np.ndarray:
+        """The rings of `convex_obstacles`, in their order, as polygons: (J,)."""
+        return polygons_from(self.convex_obstacles)
 
     @cached_property
     def end_clearances(self) -> np.ndarray:
         """Distances of the `convex_obstacles` from the car at start and goal, the smaller of the two: (J,) [m]."""
-        ends = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
-        return shapely.distance(np.array(self.convex_polygons, dtype=object)[:, None], ends).min(axis=1)
+        return shapely.distance(self.convex_polygons[:, None], self._cars).min(axis=1)
 
     @cached_property
     def nearest_at_ends(self) -> np.ndarray:
         """Distances of the car at start and goal from the nearest obstacle: (2,), infinite without one [m]."""
-        cars = shapely.polygons(self.vehicle.footprints(np.stack([self.start, self.goal])))
-        return self.shapes.distances(cars)
+        return self.shapes.distances(self._cars)
 
     def translated(self, dx: float, dy: float) -> Scenario:
         """The same task moved by (dx, dy) [m].
@@ -235,9 +273,21 @@ class Scenario:
             points=np.column_stack([change(self.points[:, :2]), self.points[:, 2]]),
             bounds=bounds,
             shapes=self.shapes.mapped(change),
-            convex_obstacles=tuple(change(part) for part in self.convex_obstacles),
+            _blocked=self._blocked.mapped(change),
         )
         return mapped
+
+    def between(self, start: Any, goal: Any) -> Scenario:
+        """The same scene with another start and goal (3,): what was made of its obstacles is not made again.
+
+        Raises:
+            ScenarioError: the car at start or goal collides or leaves the bounds.
+        """
+        other = object.__new__(type(self))
+        known = (*(known.name for known in fields(self)), "shapes", "_blocked_anywhere")
+        other.__dict__.update({name: getattr(self, name) for name in known}, start=start, goal=goal)
+        other._check_ends()
+        return other
 
     @classmethod
     def load(

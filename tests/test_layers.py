@@ -13,7 +13,7 @@ import drake_gnnocp
 
 PACKAGE = Path(drake_gnnocp.__file__).parent
 CORE = {
-    *("workers", "files", "budget", "drake_log", "vehicle", "polygons", "shapes", "maps"),
+    *("workers", "files", "budget", "drake_log", "vehicle", "polygons", "convex", "blocked", "shapes", "maps"),
     *("scenario_files", "trajectory", "scenario"),
 }
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below

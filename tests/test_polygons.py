@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
-from drake_gnnocp.polygons import clean_ring, convex_parts, merged, polygons_of, signed_area
+from drake_gnnocp.convex import convex_parts
+from drake_gnnocp.polygons import clean_ring, merged, polygons_of, signed_area
 
 Points = Sequence[tuple[float, float]]
 

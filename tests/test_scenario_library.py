@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 import drake_gnnocp
-from drake_gnnocp.polygons import convex_parts
+from drake_gnnocp.convex import convex_parts
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 from drake_gnnocp.vehicle import Vehicle
 

@@ -12,13 +12,13 @@ import shapely
 
 from drake_gnnocp import CostWeights, Scenario, Vehicle, plan
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.convex import MOST_VERTICES as MOST_OF_A_PART
+from drake_gnnocp.convex import convex_parts
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.learning.scene import MOST_VERTICES, vectors_of
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.obstacles import MOST_OF_A_KNOT
 from drake_gnnocp.pictures import save_replay
-from drake_gnnocp.polygons import MOST_VERTICES as MOST_OF_A_PART
-from drake_gnnocp.polygons import convex_parts
 from drake_gnnocp.search import collision
 from drake_gnnocp.search.collision import FootprintTest, Margins
 from drake_gnnocp.search.distance_field import DistanceField
@@ -90,7 +90,8 @@ def test_a_round_obstacle_is_cut_into_parts_of_few_vertices(n: int) -> None:
 
 def test_the_network_sees_few_vertices_of_a_large_ring() -> None:
     edges, mask = vectors_of(replace(TASK, obstacles=(circle(5000) + [5.0, -20.0],)))
-    assert mask.sum() == MOST_VERTICES - 1
+    assert 16 <= mask.sum() < MOST_VERTICES
+    edges = edges[:, mask[0]]
     np.testing.assert_array_equal(edges[0, :-1, 2:], edges[0, 1:, :2])  # still a closed ring
     np.testing.assert_array_equal(edges[0, -1, 2:], edges[0, 0, :2])
 

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from drake_gnnocp.learning.checkpoint import Network
 
 
+FARTHEST = 12.0  # lengths of the car; in the dataset it is 9.1 at most
+
+
 @dataclass(frozen=True)
 class Learned:
     """Trajectories that the network predicts, the most promising first.
@@ -39,6 +42,11 @@ class Learned:
     def check_available(self) -> None:
         """Load the network; raise GuessUnavailable where there is none."""
         load_network(self.weights)
+
+    @staticmethod
+    def is_far(scenario: Scenario) -> bool:
+        """Whether start and goal are much farther apart than in all tasks that the network has learned from."""
+        return float(np.linalg.norm(scenario.goal[:2] - scenario.start[:2])) > FARTHEST * scenario.vehicle.length
 
     def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
         """The hypotheses."""

@@ -26,6 +26,8 @@ WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)
 
 # of what the network looks at: more takes memory without end, and it was trained on less
 MOST_OBSTACLES, MOST_VERTICES = 100, 200
+SEVERAL_VERTICES = 60  # of a polygon: one with more is made simpler, within STEP at first, and COARSER times twice that
+STEP, COARSER = 0.15, 5  # m, -
 WALLS_WITHIN = 100.0  # m, of the box around start and goal: bounds farther away are no matter
 
 
@@ -60,7 +62,7 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
         holes clockwise; repeated vertices are left out.
     """
     groups = []
-    for polygon in map(orient, _nearest(scenario)):
+    for polygon in map(orient, _simpler(_nearest(scenario))):
         # what encloses a hole is one obstacle: the nearest of all its edges says on which side of it a point is
         outlines = [_few_vertices(np.array(outline.coords)) for outline in (polygon.exterior, *polygon.interiors)]
         groups.append(np.vstack([np.hstack([corners[:-1], corners[1:]]) for corners in outlines]))
@@ -71,13 +73,23 @@ def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return padded(groups), padded([np.ones(len(group), dtype=bool) for group in groups])
 
 
-def _nearest(scenario: Scenario) -> Sequence[shapely.Polygon]:
+def _nearest(scenario: Scenario) -> np.ndarray:
     """The obstacles, or those that are nearest to the line from start to goal where there are very many."""
     if len(scenario.blocked) <= MOST_OBSTACLES:
         return scenario.blocked
     line = shapely.LineString([scenario.start[:2], scenario.goal[:2]])
-    nearest = np.argsort(shapely.distance(line, list(scenario.blocked)), kind="stable")[:MOST_OBSTACLES]
-    return [scenario.blocked[i] for i in np.sort(nearest)]
+    nearest = np.argsort(shapely.distance(line, scenario.blocked), kind="stable")[:MOST_OBSTACLES]
+    return scenario.blocked[np.sort(nearest)]
+
+
+def _simpler(polygons: np.ndarray) -> np.ndarray:
+    """Polygons with fewer vertices where they have many: the steps of a wall on a grid are no matter to the network."""
+    simpler, step = polygons.copy(), STEP
+    for _ in range(COARSER):
+        has_many = shapely.get_num_coordinates(simpler) > SEVERAL_VERTICES
+        simpler[has_many] = shapely.simplify(polygons[has_many], step)
+        step *= 2.0
+    return simpler
 
 
 def _few_vertices(outline: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from drake_gnnocp.polygons import polygons_from
+
 SHORTEST_EDGE = 1e-9  # m, shorter edges are repeated vertices
 MOST_OF_A_KNOT = 200  # pairs: what more of them asks for, the answers to the check find
 
@@ -52,7 +54,7 @@ class Obstacles:
     @cached_property
     def polygons(self) -> np.ndarray:
         """The obstacles as polygons: (J,)."""
-        return np.array([shapely.Polygon(ring[used]) for ring, used in zip(self.vertices, self.is_vertex, strict=True)])
+        return polygons_from([ring[used] for ring, used in zip(self.vertices, self.is_vertex, strict=True)])
 
     @cached_property
     def tree(self) -> shapely.STRtree:

@@ -20,7 +20,7 @@ from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.planner import minimum_time
 from drake_gnnocp.planner.attempt import Attempt, at_rest, polished
 from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime, horizon_of
-from drake_gnnocp.planner.options import PlanOptions, source_named
+from drake_gnnocp.planner.options import SOURCES, PlanOptions, source_named
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.planner.schedule import Schedule
 from drake_gnnocp.scenario import Scenario
@@ -133,6 +133,11 @@ def _attempts(schedule: Schedule, source: GuessSource | None) -> list[Attempt]:
     else:
         schedule.try_source(source)
     attempts = _all_polished(schedule) if isinstance(schedule.horizon, MinimumTime) else schedule.attempts
+    is_settled = any(made.verified or (made.no_path and made.no_path.proven) for made in attempts)
+    if not is_settled and (exact := schedule.scenario.without_covers) is not None:
+        again = Schedule(exact, schedule.horizon, schedule.budget, schedule.options)
+        again.try_source(source or SOURCES["hybrid_astar"](schedule.options))
+        attempts = [made for made in attempts if made.no_path is None] + again.attempts
     if not any(made.verified or made.no_path for made in attempts):
         attempts += _refused(schedule, no_path)
     return attempts

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridAStar, NoGuess, Straight
+from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridAStar, Learned, NoGuess, Straight
 from drake_gnnocp.guesses.hybrid_astar import timed
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.sqp import LEARNED, SqpSteps, sqp_steps
@@ -29,6 +29,7 @@ logger = logging.getLogger(__name__)
 
 MOST_SQP_STEPS = 100  # to choose a hypothesis where Hybrid A* comes next: at most 95 led to one in 190 tasks
 NO_GUESSES = "the source made no guess"
+FAR = "start and goal are farther apart than what the network was trained on"
 NONE_CONVERGED = "the optimiser got near a plan from none of the guesses"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
@@ -57,7 +58,10 @@ class Schedule:
         except GuessUnavailable as error:
             logger.warning("%s; going on with Hybrid A*", error)
         else:
-            self._try_hypotheses(network, only_best=True)
+            if isinstance(network, Learned) and network.is_far(self.scenario):
+                self._try(NoGuess(network.name, FAR))
+            else:
+                self._try_hypotheses(network, only_best=True)
         if self._may_go_on:
             self.try_source(SOURCES["hybrid_astar"](self.options))
 

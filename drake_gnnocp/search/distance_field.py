@@ -12,9 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
+
+from drake_gnnocp.polygons import polygons_from
+
+FEW_RINGS = 300  # that are drawn into the field one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +47,25 @@ class DistanceField:
         xmin, xmax, ymin, ymax = region
         shape = (max(1, math.ceil((xmax - xmin) / cell)), max(1, math.ceil((ymax - ymin) / cell)))
         field = cls(xmin, ymin, cell, cut_off, np.full(shape, cut_off**2))
-        for ring in convex_rings:
+        rings = list(convex_rings)
+        if len(rings) > FEW_RINGS:
+            return field._of_many(rings)
+        for ring in rings:
             field._stamp(ring)
         np.sqrt(field.values, out=field.values)
         return field
+
+    def _of_many(self, rings: list[np.ndarray]) -> DistanceField:
+        """The same field, which takes as long as there are cells, and not as there are edges."""
+        nx, ny = self.values.shape
+        x, y = self.xmin + (np.arange(nx) + 0.5) * self.cell, self.ymin + (np.arange(ny) + 0.5) * self.cell
+        centres = shapely.points(*np.meshgrid(x, y, indexing="ij")).ravel()
+        values = np.full(nx * ny, self.cut_off)
+        found, distances = shapely.STRtree(polygons_from(rings)).query_nearest(
+            centres, max_distance=self.cut_off, return_distance=True, all_matches=False
+        )
+        values[found[0]] = distances
+        return replace(self, values=values.reshape(nx, ny))
 
     @property
     def half_diagonal(self) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.search.relaxation import relax
 from drake_gnnocp.vehicle import Vehicle
 
 POOL = 2  # cells of the distance field along each side of a cell here
@@ -76,18 +77,12 @@ def pooled(values: np.ndarray) -> np.ndarray:
 def _distances(blocked: np.ndarray, goal: tuple[int, int], budget: Budget) -> np.ndarray:
     """8-connected distances to the goal in cells, infinite at blocked cells."""
     nx, ny = blocked.shape
-    padded = np.full((nx + 2, ny + 2), math.inf)  # a frame of infinity spares the neighbours at the rim
-    inner = padded[1:-1, 1:-1]
-    inner[goal] = 0.0
-    wall = np.where(blocked, math.inf, 0.0)
-    shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
-    candidate = np.empty_like(inner)
-    while not budget.is_over:
-        before = inner.copy()
-        for a, b in shifts:
-            np.add(padded[1 + a : nx + 1 + a, 1 + b : ny + 1 + b], wall, out=candidate)
-            candidate += math.hypot(a, b)
-            np.minimum(inner, candidate, out=inner)
-        if np.array_equal(before, inner):
-            break
-    return inner.copy()
+    is_free = np.zeros((nx + 2, ny + 2), dtype=bool)  # no move leaves the frame, which is blocked
+    is_free[1:-1, 1:-1] = ~blocked
+    values = np.full(is_free.size, math.inf)
+    target = np.ravel_multi_index((goal[0] + 1, goal[1] + 1), is_free.shape)
+    values[target] = 0.0
+    shifts = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)])
+    offsets, lengths = shifts @ [ny + 2, 1], np.linalg.norm(shifts, axis=1)
+    relax(values, is_free.ravel(), offsets[None], lengths[None], np.array([target]), budget)
+    return values.reshape(is_free.shape)[1:-1, 1:-1]

@@ -35,7 +35,7 @@ from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs, Move, backwards, merged, poses_along
 from drake_gnnocp.search.path import GearedPath
-from drake_gnnocp.search.reachability import NoPath, no_path
+from drake_gnnocp.search.reachability import NoPath, has_many_corners, no_path
 from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
 from drake_gnnocp.search.shortcut import shortened
@@ -135,7 +135,8 @@ def search(
                 return SearchResult(_geared_path(scenario, moves, run.test.spacing), "found", expansions)
             if run.outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
-        if number == 0 and not budget.is_over and (proof := no_path(scenario)) is not None:
+        is_quick = not has_many_corners(scenario)  # the proof; otherwise it comes where all has failed
+        if number == 0 and is_quick and not budget.is_over and (proof := no_path(scenario)) is not None:
             return SearchResult(None, "no path", expansions, proof)
         if run is None or not any(run.exhausted):
             continue

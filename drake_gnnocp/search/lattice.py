@@ -6,9 +6,9 @@ must first go to where it can turn round. Here a state is a grid cell and one of
 there, as a row of inscribed circles, hits an obstacle or leaves the region.
 A state has six neighbours: one step ahead or back, and a sixteenth of a turn left or right at full lock in either gear.
 The shortest lengths V to the target are the fixed point of V(s) = min over the moves of (length + V(s after the move)),
-found layer by layer with numpy.
+found with numpy (`relaxation`).
 
-It takes some tenths of a second, so it is computed only when the cheap heuristics have not been enough. Displacements
+It takes a tenth of a second, so it is computed only when the cheap heuristics have not been enough. Displacements
 are rounded to cells, so V guides the search and proves nothing: where it is infinite, a finite guess replaces it.
 """
 
@@ -23,6 +23,7 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.search.collision import Box
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.heuristic import HolonomicHeuristic, pooled
+from drake_gnnocp.search.relaxation import relax
 from drake_gnnocp.vehicle import Vehicle
 
 HEADINGS = 16
@@ -130,25 +131,21 @@ def _lengths(
 ) -> np.ndarray:
     """Shortest lengths to the target state [m], infinite at blocked states."""
     _, nx, ny = blocked.shape
-    # a frame of infinity: no move leaves the array, and those that are longer than it lead as far
+    # a frame that is blocked: no move leaves the array, and those that are longer than it lead as far
     frame = min(max(max(abs(i), abs(j)) for own in moves for i, j, _, _ in own), max(nx, ny))
-    values = np.full((HEADINGS, nx + 2 * frame, ny + 2 * frame), np.inf, dtype=np.float32)
-    inner = values[:, frame : frame + nx, frame : frame + ny]
-    inner[target] = 0.0
-    wall = np.where(blocked, np.float32(np.inf), np.float32(0.0))
-    changed = [k == target[0] for k in range(HEADINGS)]
-    candidate, before = np.empty((nx, ny), dtype=np.float32), np.empty((nx, ny), dtype=np.float32)
-    while any(changed) and not budget.is_over:
-        for k, own in enumerate(moves):
-            sources = [move for move in own if changed[move[2]]]
-            changed[k] = False
-            np.copyto(before, inner[k])
-            for i, j, source, length in sources:
-                i, j = min(max(i, -frame), frame), min(max(j, -frame), frame)
-                shifted = values[source, frame + i : frame + i + nx, frame + j : frame + j + ny]
-                np.add(shifted, wall[k], out=candidate)
-                candidate += np.float32(length)
-                np.minimum(inner[k], candidate, out=inner[k])
-            if sources:
-                changed[k] = bool((inner[k] < before - CHANGE).any())
-    return inner.astype(float)
+    is_free = np.zeros((HEADINGS, nx + 2 * frame, ny + 2 * frame), dtype=bool)
+    is_free[:, frame : frame + nx, frame : frame + ny] = ~blocked
+    offsets, lengths = np.zeros((HEADINGS, len(moves[0])), dtype=int), np.zeros((HEADINGS, len(moves[0])))
+    count = np.zeros(HEADINGS, dtype=int)
+    row, plane = is_free.shape[2], is_free[0].size
+    for k, own in enumerate(moves):
+        for i, j, after, length in own:
+            i, j = min(max(i, -frame), frame), min(max(j, -frame), frame)
+            offsets[after, count[after]] = (k - after) * plane - i * row - j
+            lengths[after, count[after]] = length
+            count[after] += 1
+    values = np.full(is_free.size, np.inf)
+    start = np.ravel_multi_index((target[0], frame + target[1], frame + target[2]), is_free.shape)
+    values[start] = 0.0
+    relax(values, is_free.ravel(), offsets, lengths, np.array([start]), budget, CHANGE)
+    return values.reshape(is_free.shape)[:, frame : frame + nx, frame : frame + ny]

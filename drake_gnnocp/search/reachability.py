@@ -31,6 +31,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from drake_gnnocp.convex import convex_parts
 from drake_gnnocp.scenario import Scenario
 
 HAIR = 0.002  # m, bodies are smaller by this: twice what a verified plan may leave the bounds by
@@ -79,7 +80,10 @@ def no_path(scenario: Scenario) -> NoPath | None:
     task = _Task(scenario)
     if not len(task.ways):
         return _too_narrow(task)
-    rings = task.parts_near(shapely.union_all(task.ways))
+    near = task.polygons_near(shapely.union_all(task.ways))
+    if shapely.get_num_coordinates(near).sum() > 2 * max(INTERVALS.values()):
+        return None
+    rings = [ring for polygon in near for ring in convex_parts(polygon)]
     vertices = sum(map(len, rings))
     looked_at = (_no_way_in_headings(task, rings, n) for n, most in INTERVALS.items() if vertices <= most)
     return next((proof for proof in looked_at if proof is not None), None)
@@ -89,6 +93,11 @@ def no_passage(scenario: Scenario) -> NoPath | None:
     """What the disc alone proves of `no_path`, which takes a millisecond; None where there are too many corners."""
     task = _Task(scenario)
     return None if task.has_many_corners or len(task.ways) else _too_narrow(task)
+
+
+def has_many_corners(scenario: Scenario) -> bool:
+    """Whether proofs take long."""
+    return bool(shapely.get_num_coordinates(scenario.polygons).sum() > MOST_CORNERS)
 
 
 class _Task:
@@ -110,12 +119,12 @@ class _Task:
     @cached_property
     def obstacles(self) -> shapely.Geometry:
         """All of them, touching ones made one; within `_simpler` of their outlines."""
-        return shapely.simplify(shapely.union_all(self._scenario.polygons), self._simpler)
+        return shapely.simplify(shapely.union_all(self._scenario.blocked_exactly), self._simpler)
 
     @cached_property
     def has_many_corners(self) -> bool:
         """Whether a disc's free space takes so long that it should be made only once."""
-        return shapely.get_num_coordinates(self._scenario.polygons).sum() > MOST_CORNERS
+        return has_many_corners(self._scenario)
 
     @property
     def _simpler(self) -> float:
@@ -133,10 +142,10 @@ class _Task:
         grown = shapely.buffer(self.obstacles, max(radius - self._simpler, 0.0), quad_segs=ARC_SEGMENTS)
         return _components(self._room(radius, radius), grown)
 
-    def parts_near(self, region: shapely.Geometry) -> list[np.ndarray]:
-        """The convex rings (M, 2) that the car could touch with its middle in a region."""
-        near = shapely.dwithin(np.array(self._scenario.convex_polygons, dtype=object), region, self.reach)
-        return [ring for ring, is_near in zip(self._scenario.convex_obstacles, near, strict=True) if is_near]
+    def polygons_near(self, region: shapely.Geometry) -> np.ndarray:
+        """What the car could touch with its middle in a region: polygons (B,)."""
+        polygons = self._scenario.blocked_exactly
+        return polygons[shapely.dwithin(polygons, region, self.reach)]
 
     def free_at(self, interval: int, intervals: int, rings: list[np.ndarray]) -> np.ndarray:
         """The components of the free space in one of some intervals of headings among convex rings."""
