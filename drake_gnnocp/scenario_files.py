@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
@@ -29,6 +29,7 @@ MAP_SUFFIXES = (".yaml", ".yml")
 SUFFIXES = (".json", ".geojson", ".dxf", ".csv", *MAP_SUFFIXES)
 POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
 LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
+NUMBERS = frozenset({int, float})
 LONGEST_NAME = 100  # bytes, names of files end at 255
 TPCAP_VEHICLE = Vehicle(width=1.942, v_max=2.5, a_max=1.0, phi_max=0.75, w_max=0.5)
 BUNDLED = PACKAGE / "scenarios"
@@ -220,7 +221,11 @@ def _points(value: Any) -> np.ndarray:
 def _vertices(what: str, value: Any, least: int) -> np.ndarray:
     if not isinstance(value, list | tuple) or len(value) < least:
         raise ScenarioError(f"{what}: must be a list of at least {least} vertices [x, y], not {shown(value)}")
-    return np.array([_numbers(f"{what}[{k}]", vertex, "x, y") for k, vertex in enumerate(value)])
+    if all(type(vertex) in (list, tuple) and len(vertex) == 2 for vertex in value):
+        numbers = list(chain.from_iterable(value))
+        if NUMBERS.issuperset(map(type, numbers)) and all(abs(number) <= LARGEST for number in numbers):
+            return np.array(value, dtype=float)  # the usual way: what follows takes four times as long
+    return np.array([_numbers(f"{what}[{k}]", vertex, "x, y") for k, vertex in enumerate(value)])  # names the fault
 
 
 def _vehicle(value: Any) -> Vehicle:
