@@ -28,6 +28,7 @@ FOOTPRINT_SPACING = 1.5  # m of arc length between footprints
 FOOTPRINTS = (6, 60)  # the least and the most of them
 BORDER = 0.03  # of the larger side, free space around the drawing
 MAP_SIZE = (6.6, 6.2)  # inch, the map fits into this ...
+POINT = 3.0  # points, size of an obstacle that has none
 LEGEND_WIDTH = 24  # characters
 LEGEND_ROOM = (2.1, 0.8)  # inch, ... and legend, labels and title need this beside and above it
 
@@ -133,11 +134,17 @@ def _draw_obstacles(ax: Axes, scenario: Scenario, origin: np.ndarray) -> None:
         look: dict[str, Any] = {"fc": style.OBSTACLE, "ec": style.OBSTACLE_EDGE, "linewidths": 0.8}
         ax.add_collection(PathCollection(outlines, zorder=2, **look), autolim=False)
         ax.add_patch(Rectangle((0, 0), 0, 0, fc=style.OBSTACLE, ec=style.OBSTACLE_EDGE, lw=0.8, label="obstacles"))
-    if len(shapes.lines):
-        lines = [shapely.get_coordinates(line) for line in shapes.lines]
-        look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round"}
-        look["label"] = None if len(shapes.polygons) else "obstacles"
+    is_point = shapely.length(shapes.lines) == 0
+    label = None if len(shapes.polygons) else "obstacles"
+    if not is_point.all():
+        lines = [shapely.get_coordinates(line) for line in shapes.lines[~is_point]]
+        look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round", "label": label}
         ax.add_collection(LineCollection(lines, zorder=2, **look), autolim=False)
+        label = None
+    if is_point.any():
+        x, y = shapely.get_coordinates(shapely.centroid(shapes.lines[is_point])).T
+        look = {"color": style.OBSTACLE_EDGE, "markersize": POINT, "markeredgewidth": 0, "label": label}
+        ax.plot(x, y, "o", zorder=2, **look)
 
 
 def _compound_path(polygon: shapely.Polygon) -> Path:
