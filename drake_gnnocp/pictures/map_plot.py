@@ -42,6 +42,7 @@ def draw_map(
     fault: Finding | None = None,
     no_path: NoPath | None = None,
     footprints: bool = True,
+    labels: tuple[str, str] | None = None,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -56,6 +57,7 @@ def draw_map(
         fault: of the plan, marked where it is; the plan is then not called optimised.
         no_path: why there is no path: where it is blocked is marked.
         footprints: whether the car is drawn along the plan.
+        labels: of guess and trajectory in the legend, where they are something else.
 
     Returns:
         ax
@@ -68,11 +70,11 @@ def draw_map(
         ax.add_patch(Polygon(shapely.get_coordinates(bounds), **look))  # dash-dotted
     if trajectory is not None and footprints:
         _draw_footprints(ax, scenario.vehicle, relative_poses(trajectory.poses, origin))
+    of_guess, of_plan = labels or ("initial guess", "optimised path" if fault is None else "unverified path")
     if guess is not None:
-        ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
+        ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label=of_guess, zorder=4)
     if trajectory is not None:
-        label = "optimised path" if fault is None else "unverified path"
-        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=label, zorder=5)
+        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=of_plan, zorder=5)
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
     if fault is not None:
@@ -95,10 +97,11 @@ def plan_figure(
     title: str | None = None,
     fault: Finding | None = None,
     no_path: NoPath | None = None,
+    labels: tuple[str, str] | None = None,
 ) -> Figure:
-    """The map of a plan as a figure of its own, for a notebook or a file."""
+    """The map of a plan as a figure of its own, for a notebook or a file; see `draw_map`."""
     figure = style.new_figure(*map_size(scenario, (trajectory, guess)))
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path)
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path, labels=labels)
     return figure
 
 
@@ -118,9 +121,10 @@ def save_plan_picture(
     title: str | None,
     fault: Finding | None = None,
     no_path: NoPath | None = None,
+    labels: tuple[str, str] | None = None,
 ) -> None:
-    """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault, no_path), path)
+    """Write the map of a plan as a picture (PNG, or what the suffix says); see `draw_map`."""
+    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault, no_path, labels), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
