@@ -97,7 +97,7 @@ def test_the_picture_shows_what_is_driven_beside_what_the_table_says(
     assert driven is not None and said is not None
     np.testing.assert_array_equal(said.poses, table.poses)
     np.testing.assert_allclose(driven.column(State.Y), WORLD[1], atol=1e-9)
-    assert np.diff(driven.t).max() <= 0.005 and driven.poses[-1, 0] == pytest.approx(table.poses[-1, 0], abs=1e-6)
+    assert len(driven) > 10 * len(said) and driven.poses[-1, 0] == pytest.approx(table.poses[-1, 0], abs=1e-6)
     table.inputs[3] = 1e11
     table.save_csv(files[1])
     assert main([*(str(path) for path in files), "--out", str(tmp_path)]) == 3
