@@ -20,6 +20,7 @@ from drake_gnnocp import Plan, Scenario, Trajectory, Vehicle, command_line, plan
 from drake_gnnocp.command_line import main
 from drake_gnnocp.exports import Exports, save_json, save_mcap
 from drake_gnnocp.exports.ros import BEGIN
+from drake_gnnocp.pictures import animation
 from drake_gnnocp.pictures.animation import LONGEST, PAUSE, _outlines, save_gif, save_mp4
 from drake_gnnocp.verify_command import main as verify_main
 
@@ -250,6 +251,23 @@ def test_a_gif_is_small_repeats_and_shows_the_car_from_start_to_goal(made: Plan,
     seconds = min(the_trajectory(made).duration, LONGEST)
     assert shown == pytest.approx(seconds + PAUSE, abs=0.1) and shown < 10.1
     assert cars[-1] - cars[0] > 100  # pixels to the right
+
+
+def test_a_film_begins_at_the_start_and_ends_at_the_goal(
+    made: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses: list[np.ndarray] = []
+
+    def seen(vehicle: Vehicle, pose: np.ndarray, phi: float) -> list[np.ndarray]:
+        poses.append(pose)
+        return _outlines(vehicle, pose, phi)
+
+    monkeypatch.setattr(animation, "_outlines", seen)
+    save_gif(tmp_path / "plan.gif", made.scenario, the_trajectory(made))
+    np.testing.assert_array_equal(poses[0], made.scenario.start)
+    np.testing.assert_allclose(poses[-1], made.scenario.goal, atol=0.01)
+    with Image.open(tmp_path / "plan.gif") as film:
+        assert film.n_frames == len(poses)  # type: ignore[attr-defined]
 
 
 def test_a_short_plan_is_shown_as_fast_as_it_is(short: Plan, tmp_path: Path) -> None:
