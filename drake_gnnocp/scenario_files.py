@@ -65,15 +65,11 @@ def path_of(source: str | Path) -> Path:
 def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[str, Any]:
     """The fields of the scenario in a file with one of the SUFFIXES.
 
-    Those of an occupancy map lack start and goal, those of a drawing may.
+    Those of an occupancy map lack start and goal, those of a JSON file or a drawing may.
 
     Args:
         path: of the file.
         unknown: what unknown cells of an occupancy map are taken for.
-        layers: of a DXF drawing: only what is on these is an obstacle.
-
-    Args:
-        path: of the file; a drawing may have neither start nor goal.
         layers: of a DXF drawing: only what is on these is an obstacle.
 
     Raises:
@@ -85,11 +81,15 @@ def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[st
     if suffix in MAP_SUFFIXES:
         return {"name": _name(path.stem), **fields_of_grid(read_map(path, unknown))}
     if suffix == ".dxf":
-        return checked_fields(read_dxf(path, layers), DRAWN_KEYS)
+        return checked_fields(read_dxf(path, layers), WITHOUT_ENDS)
     text = read_text(path)
     if suffix == ".geojson":
-        return checked_fields(parse_geojson(text, path.stem), DRAWN_KEYS)
-    return checked_fields(parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
+        return checked_fields(parse_geojson(text, path.stem), WITHOUT_ENDS)
+    if suffix == ".csv":
+        return checked_fields(parse_tpcap(text, path.stem))
+    data = parse_json(text)
+    held = data if isinstance(data, dict) else {}
+    return checked_fields(data, [key for key in REQUIRED_KEYS if key in WITHOUT_ENDS or key in held])
 
 
 def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
@@ -98,9 +98,10 @@ def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
     Raises:
         ScenarioError: one of them is missing.
     """
-    for end in ("start", "goal"):
-        if end not in fields and f"{end}s" not in fields:
-            raise ScenarioError(f"{end}: missing; where the file has none, give --{end} X Y THETA")
+    missing = [end for end in ("start", "goal") if end not in fields and f"{end}s" not in fields]
+    if missing:
+        options = " ".join(f"--{end} X Y THETA" for end in missing)
+        raise ScenarioError(f"{' and '.join(missing)}: missing; where the file has none, give {options}")
     return fields
 
 
@@ -250,7 +251,7 @@ PARSERS: dict[str, Callable[[Any], Any]] = {
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]
-DRAWN_KEYS = ("name", "obstacles")  # of a drawing
+WITHOUT_ENDS = ("name", "obstacles")  # of a file: start and goal may be given beside it
 
 
 def parse_tpcap(text: str, name: str) -> dict[str, Any]:
