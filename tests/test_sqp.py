@@ -13,7 +13,7 @@ from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.ocp.dynamics import defects
 from drake_gnnocp.ocp.formulation import Formulation, formulate
-from drake_gnnocp.ocp.sqp import MOST_STEPS, SEARCHED, SqpSettings, SqpSteps, sqp_steps
+from drake_gnnocp.ocp.sqp import SEARCHED, SqpSettings, SqpSteps, sqp_steps
 from drake_gnnocp.timing.minimum_effort import with_duration
 from drake_gnnocp.verification import LIMIT_TOLERANCE, min_clearance
 
@@ -52,7 +52,7 @@ def assert_drivable(done: SqpSteps, formulation: Formulation) -> None:
     """The steps converged to a motion of the car within its limits, from start to goal."""
     trajectory, vehicle = done.trajectory, formulation.vehicle
     knots = np.hstack([trajectory.states, trajectory.inputs])
-    assert done.converged and done.steps <= MOST_STEPS
+    assert done.converged and done.steps <= SEARCHED.most_steps
     assert np.abs(defects(knots, formulation.step, vehicle)[0]).max() < SEARCHED.converged_defect
     most = np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max])
     assert (np.abs(knots[:, 3:]).max(axis=0) <= most * (1 + LIMIT_TOLERANCE)).all()
@@ -133,7 +133,7 @@ def test_a_guess_that_cannot_be_driven_in_its_time_is_left_alone(gate: Scenario)
 
 def test_steps_that_lead_into_obstacles_are_given_up_when_patience_is_over() -> None:
     walled = straight(Scenario("walled", np.array([-6.0, 0.0, 0.0]), np.array([12.0, 0.0, 0.0]), (WALL,)))
-    for patience in (3, 5, MOST_STEPS):
+    for patience in (3, 5, SEARCHED.most_steps):
         done = sqp_steps(walled, replace(SEARCHED, patience=patience), UNLIMITED)
         assert not done.converged and done.steps == patience and done.violation > 0.3
 
@@ -142,12 +142,14 @@ def test_steps_that_settle_in_an_obstacle_have_not_converged() -> None:
     blocks = [np.array([[6.0, y], [8.0, y], [8.0, y + 9.0], [6.0, y + 9.0]]) for y in (-9.9, 0.9)]
     narrow = straight(Scenario("narrow", np.zeros(3), np.array([14.0, 0.0, 0.0]), tuple(blocks)))
     done = sqp_steps(narrow, SEARCHED, UNLIMITED)
-    assert done.steps == MOST_STEPS and not done.converged
+    assert done.steps == SEARCHED.most_steps and not done.converged
     assert done.violation == pytest.approx(0.95 + 0.1 - 0.9, abs=0.02)  # half the car and the margin, in half the gate
 
 
 def test_patience_is_for_those_that_lead_into_obstacles_only(gate: Scenario) -> None:
-    patient, impatient = (sqp_steps(straight(gate), replace(SEARCHED, patience=n), UNLIMITED) for n in (MOST_STEPS, 3))
+    patient, impatient = (
+        sqp_steps(straight(gate), replace(SEARCHED, patience=n), UNLIMITED) for n in (SEARCHED.most_steps, 3)
+    )
     assert patient.steps == impatient.steps > 3
 
 

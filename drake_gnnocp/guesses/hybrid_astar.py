@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,10 +11,14 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses.base import Guess, NoGuess
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search
-from drake_gnnocp.search.path import GearedPath, n_sections
+from drake_gnnocp.search.path import GearedPath, length_of, n_sections
 from drake_gnnocp.timing.speed_planner import FEWEST_INTERVALS, plan_speed
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
+
+# m, in units in which the car has its usual length: knots farther apart than the radius of a turn do not show the turn
+SPACING = 0.6
+MOST_BY_LENGTH = 600  # knots
 
 
 @dataclass(frozen=True)
@@ -49,5 +54,6 @@ def _reason(found: SearchResult) -> str:
 
 
 def timed(path: GearedPath, vehicle: Vehicle, knots: int) -> Trajectory:
-    """A path with the timing of the speed planner, at no fewer knots than its gear changes need."""
-    return plan_speed(path, vehicle, max(knots, FEWEST_INTERVALS * n_sections(path) + 1))
+    """A path with the timing of the speed planner, at no fewer knots than its gear changes and its length need."""
+    by_length = min(MOST_BY_LENGTH, math.ceil(length_of(path) / SPACING))
+    return plan_speed(path, vehicle, max(knots, FEWEST_INTERVALS * n_sections(path) + 1, by_length))

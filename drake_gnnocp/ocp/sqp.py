@@ -35,13 +35,14 @@ from drake_gnnocp.vehicle import State
 INTERVALS_PER_BLOCK = 20  # of linearised dynamics
 KNOTS_PER_BLOCK = 8  # of the cost
 GROUPS_PER_BLOCK = 100  # of soft rows
-MOST_STEPS = 12
 USABLE_DEFECT = 0.1  # m (and rad), largest one with which steps that did not converge are still worth a start
 CONVERGED_VIOLATION = 0.01  # m
 HOPELESS_VIOLATION = 0.3  # m: steps that still lead so far into obstacles after a while are given up
 PENALTY = 30.0  # 1/m/s, of a violation
 LONGEST_STEP = np.array([1.5, 1.5, 0.5])  # m, m, rad: longer steps are shortened to it
 RELAXATION, DAMPING = 0.1, 10.0  # what rho is multiplied by after a step that is shorter, or not: solutions take turns
+# steps, 1/s, -; from so many steps on rho is at least this and grows with every step: solutions settle somewhere then
+LATE, LATE_PROXIMAL, LATE_GROWTH = 20, 0.01, 1.15
 SHORTER = 0.8  # of the step before: what counts as shorter
 NEAR_LIMIT = 0.5  # of a limit: what is beyond it gets the limit as a row
 TOLERANCE = 1e-3  # of the solver
@@ -54,14 +55,15 @@ class SqpSettings:
     proximal: float = 0.1  # 1/s, rho of the first step
     converged_cost: float = 2e-3  # relative, change of the cost in the last step before a stop
     converged_defect: float = 1e-4  # m (and rad), largest defect left
-    patience: int = MOST_STEPS  # steps, after which those that lead into obstacles are given up
+    most_steps: int = 60
+    patience: int = 30  # steps, after which those that lead into obstacles are given up
 
 
 SEARCHED = SqpSettings()
 # learned guesses begin near the optimum, so a first step may be long, and what a last small step would gain, Ipopt
 # gains as well: on validation maps a fifth fewer steps. Of those that converged later than the fifth, 97 % had a
 # violation below 0.3 m by then
-LEARNED = SqpSettings(proximal=0.03, converged_cost=1e-2, converged_defect=1e-3, patience=5)
+LEARNED = SqpSettings(proximal=0.03, converged_cost=1e-2, converged_defect=1e-3, most_steps=12, patience=5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,7 @@ def sqp_steps(formulation: Formulation, settings: SqpSettings, budget: Budget) -
     program = _StepProgram(formulation)
     iterate, cost, proximal, longest = program.first_iterate(), math.inf, settings.proximal, math.inf
     steps, converged = 0, False
-    while steps < MOST_STEPS and not converged and not budget.is_over:
+    while steps < settings.most_steps and not converged and not budget.is_over:
         change = program.solve(iterate, proximal)
         if change is None:  # the limits that the last step went beyond cannot be held
             return SqpSteps(formulation.reference, steps, False, math.inf, time.perf_counter() - begin)
@@ -120,6 +122,7 @@ def sqp_steps(formulation: Formulation, settings: SqpSettings, budget: Budget) -
         iterate, steps = program.iterate(iterate.knots + change / max(1.0, longest)), steps + 1
         cost = iterate.cost
         proximal *= RELAXATION if longest < SHORTER * longest_before else DAMPING
+        proximal = max(proximal, LATE_PROXIMAL * LATE_GROWTH ** (steps - LATE)) if steps >= LATE else proximal
         converged = (
             abs(before - cost) < settings.converged_cost * cost
             and iterate.defect < settings.converged_defect

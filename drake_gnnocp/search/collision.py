@@ -103,9 +103,9 @@ class FootprintTest:
     def first_free(self, paths: Sequence[np.ndarray]) -> int | None:
         """Index of the first of some paths, (N_i, 3) poses each, that has no colliding pose; None where all have."""
         sparse = self._have_hits([poses[::SPARSE] for poses in paths])  # which tells for most that collide
-        maybe = np.flatnonzero(~sparse)
-        free = maybe[~self._have_hits([paths[i] for i in maybe])]
-        return int(free[0]) if len(free) else None
+        maybe = np.flatnonzero(~sparse).tolist()
+        hits = self._have_hits([paths[i] for i in maybe])
+        return next((i for i, hit in zip(maybe, hits, strict=True) if not hit), None)
 
     def _have_hits(self, paths: Sequence[np.ndarray]) -> np.ndarray:
         """Which paths (N_i, 3) have a colliding pose: bool."""

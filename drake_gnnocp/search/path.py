@@ -22,3 +22,8 @@ class GearedPath:
 def n_sections(path: GearedPath) -> int:
     """Moves in one gear along a path: one more than changes of gear."""
     return 1 + int(np.count_nonzero(np.diff(path.gears)))
+
+
+def length_of(path: GearedPath) -> float:
+    """Length of a path [m]."""
+    return float(np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum())
