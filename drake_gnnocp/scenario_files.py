@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_gnnocp.ends import GoalTolerance
 from drake_gnnocp.files import PACKAGE, parse_json, read_text
 from drake_gnnocp.maps.dxf import read_dxf
 from drake_gnnocp.maps.geojson import parse_geojson
@@ -91,12 +92,16 @@ def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[st
     return checked_fields(parse_json(text) if suffix == ".json" else parse_tpcap(text, path.stem))
 
 
-def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a scenario, start and goal among them.
+def with_ends(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a scenario, start and goal among them: those of a file, and others that take their places.
 
     Raises:
         ScenarioError: one of them is missing.
     """
+    for one, other in (("goal", "goals"), ("goals", "goal")):
+        if one in changes:
+            fields.pop(other, None)
+    fields = fields | changes
     for end in ("start", "goal"):
         if end not in fields and f"{end}s" not in fields:
             raise ScenarioError(f"{end}: missing; where the file has none, give --{end} X Y THETA")
@@ -119,6 +124,10 @@ def checked_fields(data: Any, required: Sequence[str] | None = None) -> dict[str
     for key in data:
         if key not in KEYS:
             raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
+    several = data.get("goals") is not None
+    if several and data.get("goal") is not None:
+        raise ScenarioError("goals: give either goal or goals, not both")
+    required = [key for key in required if not (several and key == "goal")]
     for key in required:
         if key not in data:
             raise ScenarioError(f"{key}: missing")
@@ -130,13 +139,18 @@ def as_json(value: Any) -> Any:
     """Fields in what JSON can hold; `checked_fields` gives them back exactly. What is None is left out."""
     if isinstance(value, Mapping):
         return {key: as_json(inner) for key, inner in value.items() if inner is not None}
-    if isinstance(value, Vehicle):
+    if isinstance(value, Vehicle | GoalTolerance):
         return value.to_dict()
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Area):
         return as_json(value._asdict())
     return [as_json(inner) for inner in value] if isinstance(value, tuple) else value
+
+
+def pose_as_json(pose: np.ndarray) -> list[float | None]:
+    """A pose (3,) in what JSON can hold: a heading that is free is None."""
+    return [None if math.isnan(number) else number for number in pose.tolist()]
 
 
 def _name(value: Any) -> str:
@@ -160,6 +174,26 @@ def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
         if not abs(number) <= LARGEST:  # NaN as well
             raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
     return np.array(value, dtype=float)
+
+
+def _goal(what: str, value: Any) -> np.ndarray:
+    """A pose, whose heading may be null: it is NaN then."""
+    if isinstance(value, list | tuple) and len(value) == 3 and value[2] is None:
+        return np.append(_numbers(what, (*value[:2], 0.0), POSE)[:2], math.nan)
+    return _numbers(what, value, POSE)
+
+
+def _goals(value: Any) -> tuple[np.ndarray, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise ScenarioError(f"goals: must be a list of at least one pose [{POSE}], not {shown(value)}")
+    return tuple(_goal(f"goals[{i}]", goal) for i, goal in enumerate(value))
+
+
+def _goal_tolerance(value: Any) -> GoalTolerance:
+    try:
+        return GoalTolerance.from_dict(value)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
 
 
 def _bounds(value: Any) -> tuple[float, ...] | np.ndarray:
@@ -235,13 +269,15 @@ def _vehicle(value: Any) -> Vehicle:
 PARSERS: dict[str, Callable[[Any], Any]] = {
     "name": _name,
     "start": partial(_numbers, "start", meaning=POSE),
-    "goal": partial(_numbers, "goal", meaning=POSE),
+    "goal": partial(_goal, "goal"),
     "obstacles": _obstacles,
     "bounds": _bounds,
     "vehicle": _vehicle,
     "clearance": _clearance,
     "lines": _lines,
     "points": _points,
+    "goals": _goals,
+    "goal_tolerance": _goal_tolerance,
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]
