@@ -176,7 +176,7 @@ def screened(
     for guess in source.guesses(scenario, budget):
         if not options.sqp or isinstance(guess, NoGuess) or taken >= most_steps or budget.is_over:
             break
-        formulation = formulate(scenario, guess.trajectory, options.cost, options.margin)
+        formulation = formulate(scenario.exact, guess.trajectory, options.cost, options.margin)
         steps = sqp_steps(formulation, LEARNED, budget)
         taken += steps.steps
         if steps.converged:
