@@ -324,9 +324,12 @@ class Scenario:
         """The same scene with one of the goals alone, to be planned to with a heading [rad]."""
         given = self.targets[which].pose
         other = object.__new__(type(self))
-        known = (*(known.name for known in fields(self)), "shapes", "_blocked_anywhere")
+        made: dict[str, Any] = {
+            key: self.__dict__[key] for key in ("_blocked_anywhere", "unit") if key in self.__dict__
+        }
         goal, goals = np.append(given[:2], heading), (given,) if np.isnan(given[2]) else ()
-        other.__dict__.update({name: getattr(self, name) for name in known}, goal=goal, goals=goals)
+        other.__dict__.update({known.name: getattr(self, known.name) for known in fields(self)}, shapes=self.shapes)
+        other.__dict__.update(made, goal=goal, goals=goals)
         return other
 
     @cached_property

@@ -21,7 +21,7 @@ from drake_gnnocp.drake_log import drake_lines
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import extent, relative_bounds, relative_poses
+from drake_gnnocp.pictures.scene import extent, goal_poses, relative_bounds, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -48,6 +48,7 @@ WALL_EDGE = Rgba(0.2, 0.2, 0.2)
 PATH = Rgba(0.0, 0.45, 0.70)
 START = Rgba(0.0, 0.62, 0.45)
 GOAL = Rgba(0.80, 0.40, 0.65)
+FAINT_GOAL = Rgba(0.86, 0.76, 0.81)
 
 # The panel with the play button and the time slider opens beside the scene, not over it, without the long list of the
 # scene's parts. In windows narrower than the camera was set for, zooming out keeps the sides in view.
@@ -85,8 +86,11 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
     with _meshcat() as meshcat:
         _add_ground(meshcat, half_size)
         _add_obstacles(meshcat, scenario, origin)
-        for name, pose, color in (("start", scenario.start, START), ("goal", scenario.goal, GOAL)):
-            _add_outline(meshcat, name, scenario.vehicle, relative_poses(pose, origin), color)
+        _add_outline(meshcat, "start", scenario.vehicle, relative_poses(scenario.start, origin), START)
+        poses, reached = goal_poses(scenario, trajectory)
+        for i, pose in enumerate(relative_poses(poses, origin)):
+            name, color = ("goal", GOAL) if reached == i or len(poses) == 1 else (f"goals/{i}", FAINT_GOAL)
+            _add_outline(meshcat, name, scenario.vehicle, pose, color)
         add_car(meshcat, scenario.vehicle)
         place_car(meshcat, relative_poses(scenario.start, origin))
         if trajectory is not None:
@@ -160,7 +164,10 @@ def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> 
 
 
 def _add_outline(meshcat: Meshcat, name: str, vehicle: Vehicle, pose: np.ndarray, color: Rgba) -> None:
-    """The car's rectangle on the ground, with an arrowhead at the front."""
+    """The car's rectangle on the ground, with an arrowhead at the front; a disc where its heading is free."""
+    if math.isnan(pose[2]):
+        _paint(meshcat, name, shapely.Point(pose[:2]).buffer(vehicle.width / 2), OUTLINE_HEIGHT, color)
+        return
     rear_right, front_right, front_left, rear_left = vehicle.footprints(pose)[0]
     car = shapely.Polygon([rear_right, front_right, front_left, rear_left])
     nose, back = (front_right + front_left) / 2, 0.2 * (rear_right - front_right)

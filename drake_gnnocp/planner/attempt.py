@@ -44,6 +44,7 @@ class Attempt:
     cost: Cost | None = None  # None where nothing was solved
     reason: str = ""  # why it was given up; empty when verified
     no_path: NoPath | None = None  # where that is because there is no path
+    goal: int = 0  # index of the goal that it went for, see `Scenario.targets`
 
     @property
     def trajectory(self) -> Trajectory | None:
@@ -99,6 +100,7 @@ class Attempt:
         """The attempt in the keys of result.json."""
         return {
             "guess": self.source,
+            "goal": self.goal,
             "guess_seconds": self.guess_seconds,
             "build_seconds": self.build_seconds,
             "solve_seconds": self.solve_seconds,
