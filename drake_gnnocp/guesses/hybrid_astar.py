@@ -27,6 +27,11 @@ class HybridAStar:
     name: str = "hybrid_astar"
     proposes_many: bool = False
 
+    @property
+    def goes_to_the_end(self) -> bool:
+        """Whether all is searched that can be."""
+        return self.last_stage == len(SCHEDULE)
+
     def check_available(self) -> None:
         """Nothing is needed."""
 

@@ -124,7 +124,7 @@ class Schedule:
         if isinstance(guess, NoGuess) or guess.path is None:
             self._try(guess)
             gave_up = isinstance(guess, NoGuess) and guess.no_path is None
-            if gave_up and isinstance(source, HybridAStar) and self._may_go_on:
+            if gave_up and isinstance(source, HybridAStar) and source.goes_to_the_end and self._may_go_on:
                 straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
                 self._try(self._first(straight))
             return
