@@ -171,17 +171,19 @@ class Goals:
             self._search_shortly(aims)
 
     def _search_shortly(self, aims: Sequence[Aim]) -> None:
-        search, searched = replace(self._search, last_stage=STAGES), dict.fromkeys((aim.goal for aim in aims), 0)
-        if self._minimise:
-            aims = sorted(aims, key=self._best_duration)
-        for aim in aims:
-            is_enough = searched[aim.goal] == SEARCHED or (self._minimise and sum(searched.values()) == SEARCHED)
-            if self._minimise and not self._is_verified():
-                is_enough = searched[aim.goal] == SEARCHED
-            if is_enough or self._is_hopeless(aim) or (self._is_verified(aim.goal) and not self._minimise):
+        """Short searches for aims without a plan; where time is minimised, for those with the quickest plans too.
+
+        Of several headings at a goal, those come first that are next to one with a plan: they can be reached.
+        """
+        search, searched = replace(self._search, last_stage=STAGES), Counter[int]()
+        for aim in sorted(aims, key=self._best_duration if self._minimise else self._turn_from_a_plan):
+            has_plan = math.isfinite(self._best_duration(aim))
+            is_enough = self._minimise and self._is_verified() and searched.total() >= SEARCHED
+            if is_enough or searched[aim.goal] == SEARCHED or self._is_hopeless(aim):
                 continue
-            searched[aim.goal] += 1
-            self._schedule(aim).try_source(search)
+            if self._minimise or not has_plan:
+                searched[aim.goal] += 1
+                self._schedule(aim).try_source(search)
 
     @property
     def _search(self) -> HybridAStar:
@@ -192,6 +194,12 @@ class Goals:
     def _best_duration(self, aim: Aim) -> float:
         made = self._tried[aim].attempts if aim in self._tried else []
         return min((duration_of(one) for one in made if one.verified), default=math.inf)
+
+    def _turn_from_a_plan(self, aim: Aim) -> float:
+        """How much an aim's heading differs from those of plans to its goal, 0 where there is none [rad]."""
+        plans = (made.trajectory for made in self.attempts if made.verified and made.goal == aim.goal)
+        ends = [float(found.poses[-1, 2]) for found in plans if found is not None]
+        return min((abs(math.remainder(aim.heading - end, 2 * math.pi)) for end in ends), default=0.0)
 
     def _go_on(self, aims: Sequence[Aim]) -> None:
         """Search to the end for the first aim of each goal, until one leads to a plan."""
