@@ -253,6 +253,15 @@ def test_a_free_heading_has_the_clearance_that_the_place_has() -> None:
     assert result.verified
 
 
+def test_a_plan_in_a_heading_that_leaves_less_than_others_is_refused() -> None:
+    """A car that looks at a wall 0.14 m before it could have turned away."""
+    wall = np.array([[15.9, -4.0], [16.0, -4.0], [16.0, 4.0], [15.9, 4.0]])
+    fixed = Scenario("wall", START, np.array([12.0, 0.0, 0.0]), (wall,), clearance=0.5)
+    found = plan(fixed).trajectory
+    assert found is not None and verify(fixed, found).verified
+    assert not verify(replace(fixed, goal=np.array([12.0, 0.0, FREE])), found).clearance_ok
+
+
 # scenarios and their files
 
 
