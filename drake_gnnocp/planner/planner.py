@@ -11,6 +11,7 @@ from threading import RLock
 import numpy as np
 
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.ends import nearest_target
 from drake_gnnocp.guesses import Given, GuessSource
 from drake_gnnocp.guesses.base import check_numbers
 from drake_gnnocp.guesses.straight import straight_line
@@ -128,7 +129,11 @@ def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt], sever
     """The plan that attempts near the origin led to, where the scenario is."""
     if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
         line = straight_line(schedule.scenario, schedule.options.knots)
-        attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
+        goal, reason = (
+            nearest_target(scenario.targets, scenario.goal),
+            "not solved: shown since there is no other guess",
+        )
+        attempts.append(Attempt("straight", 0.0, line, reason=reason, goal=goal))
     best = reported(attempts, schedule.horizon) if several is None else several.reported(attempts)
     x0, y0, _ = scenario.start
     moved = tuple(made.placed(float(x0), float(y0), schedule.scenario.unit) for made in attempts)
