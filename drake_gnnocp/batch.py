@@ -32,7 +32,8 @@ from drake_gnnocp.scenario_files import SUFFIXES
 from drake_gnnocp.workers import workers
 
 MARK, SUMMARY = "batch.json", "summary.csv"  # in the folder of every scenario, and above them
-VERIFIED, BAD_INPUT, FAILED = "verified", "bad input", "error"  # statuses, the last of what was not planned to its end
+VERIFIED, BAD_INPUT = "verified", "bad input"  # statuses
+FAILED, UNWRITTEN = "error", "not written"  # of what was not planned to its end, and of what could not be written
 DIED = "its process ended: killed, or out of memory"
 
 PlanInto = Callable[[Scenario, Path, Mapping[str, Any]], None]  # plans, and writes all files, MARK with its content
@@ -135,10 +136,9 @@ class Batch:
         try:
             bar = tqdm(total=len(rows), initial=len(rows) - len(tasks), unit="plan", disable=None)
             with bar, closing(outcomes(tasks, job, self.jobs, self.dask)) as coming:
-                for task, fault in coming:
-                    found = None if fault else self._row(task)
-                    reason = fault or f"{task.folder}: its files are not there: does the cluster see this folder?"
-                    rows[waiting.pop(task.folder)] = found or Row(task.folder.name, FAILED, reason=reason)
+                for task, failure in coming:
+                    missing = f"{task.folder}: its files are not there: does the cluster see this folder?"
+                    rows[waiting.pop(task.folder)] = failure or self._row(task) or _failure(task, missing)
                     bar.update()
         finally:
             for folder in waiting:
@@ -179,13 +179,13 @@ def files_in(argument: str) -> list[str]:
 
 
 def outcomes(
-    tasks: Sequence[Task], job: Callable[[Task], str], jobs: int, dask: str | None
-) -> Generator[tuple[Task, str], None, None]:
+    tasks: Sequence[Task], job: Callable[[Task], Row | None], jobs: int, dask: str | None
+) -> Generator[tuple[Task, Row | None], None, None]:
     """Do a job for every task, and give its outcome as soon as it is there.
 
     Args:
         tasks: what to do.
-        job: called in the workers; gives an empty text, or why it failed.
+        job: called in the workers; gives nothing, or a row that says why it failed.
         jobs: processes.
         dask: address of a cluster, or None.
     """
@@ -194,7 +194,7 @@ def outcomes(
         alone = bool(suspects)
         source, width = suspects if alone else waiting, 1 if alone else len(waiting)
         width = min(width, jobs) if dask is None else width
-        at_work: dict[Future[str], Task] = {}
+        at_work: dict[Future[Row | None], Task] = {}
         try:
             with workers(width, dask) as pool:
                 while source or at_work:
@@ -202,33 +202,39 @@ def outcomes(
                         at_work[pool.submit(job, source[0])] = source[0]
                         source.popleft()
                     for future in wait(at_work, return_when=FIRST_COMPLETED).done:
-                        reason = _outcome(future)
-                        yield at_work.pop(future), reason
+                        failure = _outcome(future, at_work[future])
+                        yield at_work.pop(future), failure
         except BrokenExecutor:
             if alone:
-                yield from ((task, DIED) for task in at_work.values())
+                yield from ((task, _failure(task, DIED)) for task in at_work.values())
             else:
                 suspects.extend(at_work.values())
 
 
-def _outcome(future: Future[str]) -> str:
+def _outcome(future: Future[Row | None], task: Task) -> Row | None:
     try:
         return future.result()
     except BrokenExecutor:
         raise
     except Exception as error:  # of the cluster, as where its workers die
-        return f"{type(error).__name__}: {first_line(error)}"
+        return _failure(task, f"{type(error).__name__}: {first_line(error)}")
 
 
-def _planned(plan_into: PlanInto, options: Mapping[str, Any], task: Task) -> str:
-    """Plan a task in a worker; returns why that failed, or an empty text."""
+def _planned(plan_into: PlanInto, options: Mapping[str, Any], task: Task) -> Row | None:
+    """Plan a task in a worker; returns a row where that failed."""
     log_to_stderr(logging.WARNING, logging.BASIC_FORMAT)
     _swept(task.folder)
     try:
         plan_into(task.scenario, task.folder, options)
+    except OSError as error:
+        return _failure(task, f"{error.filename or task.folder}: {error.strerror or error}", UNWRITTEN)
     except Exception as error:  # one task's fault must not end the others; it is told in its row
-        return f"{type(error).__name__}: {first_line(error)}"
-    return ""
+        return _failure(task, f"{type(error).__name__}: {first_line(error)}")
+    return None
+
+
+def _failure(task: Task, reason: str, status: str = FAILED) -> Row:
+    return Row(task.folder.name, status, reason=reason)
 
 
 def mark(options: Mapping[str, Any], files: Iterable[str], note: str) -> str:

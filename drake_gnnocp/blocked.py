@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.convex import convex_parts, cover
-from drake_gnnocp.polygons import merged
+from drake_gnnocp.polygons import SAME_POINT, merged
 
 FEW_VERTICES = 100  # of a polygon that is taken as it is
 # of all polygons together: the outline of more is made simpler, by this share of half the gaps that are filled
@@ -30,7 +30,7 @@ class Blocked:
     @classmethod
     def of(cls, areas: np.ndarray, tolerance: float) -> Blocked:
         """What areas (A,) cover; covers are no farther out than a tolerance [m]."""
-        polygons = _objects(merged(list(areas)))
+        polygons = shapely.normalize(shapely.simplify(_objects(merged(list(areas))), SAME_POINT))
         has_many = shapely.get_num_coordinates(polygons) > FEW_VERTICES
         covers = [
             cover(polygon, tolerance) if many else polygon for polygon, many in zip(polygons, has_many, strict=True)

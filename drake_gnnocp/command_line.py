@@ -15,7 +15,7 @@ from typing import Any
 
 from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
 from drake_gnnocp.batch import BAD_INPUT as BAD_ROW
-from drake_gnnocp.batch import MARK, SUMMARY, Batch, files_in, mark, sources_of, table
+from drake_gnnocp.batch import MARK, SUMMARY, UNWRITTEN, Batch, files_in, mark, sources_of, table
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.console import (
     BAD_INPUT,
@@ -23,6 +23,7 @@ from drake_gnnocp.console import (
     INTERRUPTED,
     NOBODY_READS,
     NOT_VERIFIED,
+    NOT_WRITTEN,
     OneLineParser,
     failed,
     positive,
@@ -79,7 +80,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Plan a trajectory for a car among polygons, verify it, and draw it.",
         epilog="Exit code: 0 a verified plan, 2 bad input, 3 no verified plan (the best attempt is written, unless "
         "there is no path), 4 the output could not be written, 130 interrupted (the best plan so far is written, where "
-        "there is one). Of a batch: 2 where an input is bad (the rest is planned), else 3 where one is not verified.",
+        "there is one). Of a batch: 2 where an input is bad (the rest is planned), else 4 where a plan could not be "
+        "written, else 3 where one is not verified.",
     )
     parser.add_argument(
         "scenario",
@@ -249,6 +251,8 @@ def _plan_batch(batch: Batch, sources: list[str], load: Callable[[str], Scenario
         return INTERRUPTED
     if any(row.status == BAD_ROW for row in rows):
         return BAD_INPUT
+    if any(row.status == UNWRITTEN for row in rows):
+        return NOT_WRITTEN
     return DONE if all(row.is_as_asked for row in rows) else NOT_VERIFIED
 
 

@@ -163,18 +163,37 @@ def merged(polygons: Sequence[shapely.Polygon]) -> list[shapely.Polygon]:
     """
     if len(polygons) < 2:
         return list(polygons)
-    array = np.array(polygons, dtype=object)
+    array = _joined_to_rows(np.array(polygons, dtype=object))
     one, other = shapely.STRtree(array).query(array, predicate="dwithin", distance=SAME_POINT)
     one, other = one[one < other], other[one < other]
     share_more = ~shapely.relate_pattern(array[one], array[other], POINTS_IN_COMMON)
     touching = np.unique([one[share_more], other[share_more]])
     if not len(touching):
-        return list(polygons)
+        return list(array)
     union = shapely.get_parts(shapely.union_all(array[touching]))
     # rounding leaves slits between neighbours, which snapping closes
     union = shapely.simplify(shapely.union_all(union, grid_size=SAME_POINT), SAME_POINT)
-    alone = np.delete(np.arange(len(polygons)), touching)
-    return [*array[alone], *shapely.get_parts(union)]
+    return [*np.delete(array, touching), *shapely.get_parts(union)]
+
+
+def _joined_to_rows(polygons: np.ndarray) -> np.ndarray:
+    """Polygons, those that are cells of a grid joined to rows of cells: the union of thousands takes long."""
+    has_five = np.flatnonzero(shapely.get_num_coordinates(polygons) == 5)
+    boxes = shapely.bounds(polygons[has_five])  # (K, 4) xmin, ymin, xmax, ymax
+    corners = shapely.get_coordinates(polygons[has_five]).reshape(-1, 5, 2)
+    is_cell = ((corners == boxes[:, None, :2]) | (corners == boxes[:, None, 2:])).all(axis=(1, 2))
+    cells, boxes = has_five[is_cell], boxes[is_cell]
+    if len(cells) < 2:
+        return polygons
+    order = np.lexsort([boxes[:, 0], boxes[:, 3], boxes[:, 1]])
+    cells, boxes = cells[order], boxes[order]
+    is_beside = np.abs(np.diff(boxes[:, 1::2], axis=0)).max(axis=1) <= SAME_POINT
+    is_beside &= (boxes[:-1, 0] <= boxes[1:, 0]) & (boxes[1:, 0] <= boxes[:-1, 2] + SAME_POINT)
+    first = np.flatnonzero(np.append(True, ~is_beside))  # of each row
+    lengths = np.diff(first, append=len(cells))
+    low, high = np.minimum.reduceat(boxes[:, :2], first), np.maximum.reduceat(boxes[:, 2:], first)
+    rows = shapely.box(*low[lengths > 1].T, *high[lengths > 1].T)
+    return np.append(np.delete(polygons, cells[np.repeat(lengths > 1, lengths)]), rows)
 
 
 def _following(values: np.ndarray) -> np.ndarray:

@@ -19,12 +19,13 @@ from drake_gnnocp import scenario_arrays as arrays
 from drake_gnnocp.blocked import Blocked, outline_of
 from drake_gnnocp.ends import GoalTolerance, Ground, Target
 from drake_gnnocp.files import write_atomically
-from drake_gnnocp.maps.grid_outlines import fields_of_grid
+from drake_gnnocp.maps.grid_outlines import fields_of_grid, with_places
 from drake_gnnocp.maps.occupancy_grid import MEANINGS, grid_of_cells
 from drake_gnnocp.polygons import polygons_from
 from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
+    MAP_SUFFIXES,
     REQUIRED_KEYS,
     ScenarioError,
     as_json,
@@ -360,10 +361,14 @@ class Scenario:
             ScenarioError: the file is missing or unreadable, or what it says cannot be planned.
         """
         given = {key: value for key, value in changes.items() if value is not None}
+        made: dict[str, Any] = {}
         try:
-            return cls(**with_ends(read_fields(path_of(source), unknown, layers), given))
+            made = with_ends(read_fields(path_of(source), unknown, layers), given)
+            return cls(**made)
         except ValueError as error:
-            raise ScenarioError(f"{str(source) or repr('')}: {error}") from None
+            is_map = Path(source).suffix.lower() in MAP_SUFFIXES
+            said = with_places(str(error), made, unknown) if is_map else str(error)
+            raise ScenarioError(f"{str(source) or repr('')}: {said}") from None
 
     @classmethod
     def from_occupancy(
@@ -385,11 +390,13 @@ class Scenario:
             ScenarioError: a value is illegal, or the car at start or goal collides or leaves the grid.
         """
         options = {key: others.pop(key) for key in ("unknown", "occupied_thresh") if key in others}
+        made: dict[str, Any] = {}
         try:
             found = fields_of_grid(grid_of_cells(cells, resolution, origin, **options))
-            return cls(**{"name": name, "start": start, "goal": goal, **found, **others})
+            made = {"name": name, "start": start, "goal": goal, **found, **others}
+            return cls(**made)
         except ValueError as error:
-            raise ScenarioError(str(error)) from None
+            raise ScenarioError(with_places(str(error), made, options.get("unknown", MEANINGS[0]))) from None
 
     @classmethod
     def from_dict(cls, data: Any) -> Scenario:

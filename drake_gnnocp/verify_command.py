@@ -7,16 +7,20 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
 from drake_gnnocp.console import DONE, NOT_VERIFIED, OneLineParser, failed
 from drake_gnnocp.ends import nearest_target
 from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.simulation import drive
 from drake_gnnocp.trajectory import COLUMNS, Trajectory
 from drake_gnnocp.verification import Verification, verify
 
 PICTURE, DATA = "verification.png", "verification.json"
+LABELS = ("path of the table", "driven path")
 HEADINGS = ("checked", "allowed", "found", "where", "when", "ok")
 
 
@@ -94,9 +98,18 @@ def _table(found: Verification) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
+def _driven(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
+    """What the car does when it is driven by the inputs, at rows as close as they were driven."""
+    motion = drive(scenario.start, trajectory, scenario.vehicle)
+    inputs = [np.interp(motion.t, trajectory.t, column) for column in trajectory.inputs.T]
+    return Trajectory(motion.t, motion.states, np.stack(inputs, axis=1))
+
+
 def _save(folder: Path, scenario: Scenario, trajectory: Trajectory, found: Verification) -> None:
+    """Write the data and a picture of what was checked: the path that is driven, and that of the table beside it."""
     title = f"{scenario.name}: {'verified' if found.verified else 'unverified'}"
-    save_plan_picture(folder / PICTURE, scenario, trajectory, None, title, found.first_fault)
+    driven = _driven(scenario, trajectory) if found.findings else None
+    save_plan_picture(folder / PICTURE, scenario, driven, trajectory, title, found.first_fault, labels=LABELS)
     data = {
         "scenario": scenario.name,
         "verified": found.verified,

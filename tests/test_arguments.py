@@ -110,7 +110,8 @@ def test_unknown_cells_are_occupied_or_free_as_one_says(capsys: pytest.CaptureFi
     Path("hall.pgm").write_bytes(b"P5 60 40 255\n" + pixels.tobytes())
     line = "hall.yml --start 2 10 0 --goal 24 10 0"
     assert main([*line.split(), "--out", "out"]) == BAD_INPUT
-    assert capsys.readouterr().err == "hall.yml: goal: the car collides with obstacles[0]\n"
+    said = "hall.yml: goal: the car collides with an occupied (or unknown) cell near (23.07, 9.05)\n"
+    assert capsys.readouterr().err == said
     scenario = scenario_of(f"{line} --unknown free")
     assert (scenario.name, scenario.bounds, scenario.obstacles) == ("hall", (0.0, 30.0, 0.0, 20.0), ())
 
@@ -126,3 +127,10 @@ def test_a_plan_on_a_map_is_checked_with_the_same_arguments(capsys: pytest.Captu
     assert verify_command.main(["hall.yaml", "still.csv", *"--start 0 0 -0deg --goal -0.5 0 0".split()]) == 3
     assert "hall: verified, " in capsys.readouterr().out
     assert verify_command.main(["hall.yaml", "still.csv"]) == BAD_INPUT
+
+
+def test_a_scenario_file_may_leave_start_and_goal_to_the_command(tmp_path: Path) -> None:
+    Path("bare.json").write_text(json.dumps({"name": "bare", "obstacles": [], "goal": [9, 0, 0]}))
+    scenario = scenario_of("bare.json --start 1 2 90deg --goal 9 5 0")
+    assert scenario.start.tolist() == [1, 2, math.pi / 2] and scenario.goal.tolist() == [9, 5, 0]
+    assert scenario_of("bare.json --start 1 2 0").goal.tolist() == [9, 0, 0]

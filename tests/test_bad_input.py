@@ -36,6 +36,10 @@ def vehicle(**parameters: Any) -> dict[str, Any]:
 # what the file holds (a dict is written as JSON), and how the message goes on after the file's name
 JSON_FILES: list[tuple[Any, str]] = [
     *((without(key), f"{key}: missing") for key in GOOD),
+    (
+        {key: GOOD[key] for key in ("name", "obstacles")},
+        "start and goal: missing; where the file has none, give --start",
+    ),
     ({**GOOD, "obstacle": []}, "obstacle: unknown key; allowed are name, start, goal, obstacles, bounds, vehicle"),
     # numbers
     ({**GOOD, "start": [0, float("nan"), 0]}, "start[1]: must be finite and at most 1e+12, not nan"),

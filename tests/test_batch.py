@@ -113,14 +113,27 @@ def test_finished_scenarios_are_planned_again_only_where_something_has_changed(
 def test_bad_input_is_a_row_and_the_others_are_planned(
     yard_files: Path, in_threads: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (yard_files / "middle.json").write_text('{"name": "middle"}')
+    (yard_files / "middle.json").write_text('{"name": "middle", "goal": [9, 0, 0], "obstacles": []}')
     command = [str(yard_files), "nothing.json", "--jobs", "1", "--no-pictures", "--out", "plans"]
     assert main(command) == BAD_INPUT
     assert in_threads == ["north", "south"]
     rows = {row["name"]: row for row in summary_of(Path("plans"))}
-    assert rows[f"{yard_files}/middle.json"]["reason"] == "start: missing"
+    assert rows[f"{yard_files}/middle.json"]["reason"].startswith("start: missing")
     assert rows["nothing.json"]["status"] == "bad input" and rows["nothing.json"]["folder"] == ""
     assert "nothing.json" in capsys.readouterr().out
+
+
+def test_what_cannot_be_written_is_a_row_and_exit_code_4(
+    yard_files: Path, in_threads: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("plans").mkdir()
+    Path("plans/north").write_text("a file where the folder is to be")
+    assert main([str(yard_files), "--jobs", "1", "--no-pictures", "--out", "plans"]) == NOT_WRITTEN
+    assert in_threads == ["north", "south"]
+    north, south = summary_of(Path("plans"))
+    assert (north["status"], north["folder"], south["status"]) == ("not written", "", "verified")
+    assert north["reason"] == "plans/north: File exists"
+    assert main([str(yard_files), "nothing.json", "--no-pictures", "--out", "plans"]) == BAD_INPUT
 
 
 def test_one_bad_name_among_several_is_no_reason_to_stop(in_threads: list[str], tmp_path: Path) -> None:
@@ -237,7 +250,7 @@ def test_a_table_leaves_out_what_is_not_known() -> None:
     assert summary(rows).splitlines()[2] == "b.json,bad input,,,,,,why"
 
 
-def lasts_until_another_dies(task: Task) -> str:
+def lasts_until_another_dies(task: Task) -> Row:
     """A job that ends its process where the task is called so, once the one called long is at work."""
     begun = task.folder.parent / "begun"
     if task.scenario.name == "deadly":
@@ -247,13 +260,15 @@ def lasts_until_another_dies(task: Task) -> str:
     if task.scenario.name == "long" and not begun.exists():
         begun.touch()
         time.sleep(PATIENT)
-    return f"done by {os.environ['OMP_NUM_THREADS']}"
+    return Row(task.scenario.name, "done", reason=f"by {os.environ['OMP_NUM_THREADS']}")
 
 
 def test_a_process_that_dies_takes_no_other_task_with_it(tmp_path: Path) -> None:
     tasks = [Task(Scenario(name, FIELD.start, FIELD.goal), tmp_path / name) for name in ("long", "deadly", "b", "c")]
-    found = {task.scenario.name: outcome for task, outcome in outcomes(tasks, lasts_until_another_dies, 2, None)}
-    assert found == {"long": "done by 1", "b": "done by 1", "c": "done by 1", "deadly": DIED}
+    rows = {task.scenario.name: row for task, row in outcomes(tasks, lasts_until_another_dies, 2, None)}
+    found = {name: (row.status, row.reason) for name, row in rows.items() if row is not None}
+    done = ("done", "by 1")
+    assert found == {"long": done, "b": done, "c": done, "deadly": ("error", DIED)}
 
 
 def test_a_cluster_does_the_same_tasks(yard_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -403,6 +403,8 @@ def test_a_drawing_without_poses_asks_for_them(tmp_path: Path) -> None:
     document = ezdxf.new(units=6)
     document.modelspace().add_lwpolyline([(6, -3), (9, -3), (9, 1)], close=True)
     document.saveas(tmp_path / "bare.dxf")
-    with pytest.raises(ValueError, match="start: missing; where the file has none, give --start X Y THETA"):
+    with pytest.raises(
+        ValueError, match="start and goal: missing; where the file has none, give --start X Y THETA --goal X"
+    ):
         Scenario.load(tmp_path / "bare.dxf")
     assert Scenario.load(tmp_path / "bare.dxf", start=(0, 0, 0), goal=(15, 0, 0)).goal.tolist() == [15, 0, 0]

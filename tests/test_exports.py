@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drake_gnnocp import Plan, Scenario, Trajectory, command_line, plan, verify
+from drake_gnnocp import Plan, Scenario, Trajectory, Vehicle, command_line, plan, verify
 from drake_gnnocp.command_line import main
 from drake_gnnocp.exports import Exports, save_json, save_mcap
 from drake_gnnocp.exports.ros import BEGIN
-from drake_gnnocp.pictures.animation import LONGEST, PAUSE, save_gif, save_mp4
+from drake_gnnocp.pictures import animation
+from drake_gnnocp.pictures.animation import LONGEST, PAUSE, _outlines, save_gif, save_mp4
 from drake_gnnocp.verify_command import main as verify_main
 
 BAD_INPUT, NOT_VERIFIED, NOT_WRITTEN = 2, 3, 4  # exit codes
@@ -209,14 +211,22 @@ def test_markers_show_obstacles_and_a_car_that_goes_with_its_frame(made: Plan, t
     (scene,) = (message for topic, _, message in messages_of(tmp_path / "plan.mcap") if topic == "/scene")
     markers = {(marker.ns, marker.id): marker for marker in scene.markers}
     assert {name for name, _ in markers} == {"obstacles", "bounds", "start", "goal", "footprints", "car"}
-    for j, ring in enumerate(made.scenario.obstacles):
-        corners = np.array([[p.x, p.y] for p in markers["obstacles", j].points])
-        assert len(corners) % 3 == 0  # a list of triangles
-        np.testing.assert_array_equal(np.unique(corners, axis=0), np.unique(ring, axis=0))
+    corners = np.array([[p.x, p.y] for p in markers["obstacles", 0].points])
+    assert len(corners) % 3 == 0  # a list of triangles
+    rings = np.concatenate([ring for ring in made.scenario.obstacles if isinstance(ring, np.ndarray)])
+    np.testing.assert_array_equal(np.unique(corners, axis=0), np.unique(rings, axis=0))
     car = markers["car", 0]
     assert (car.header.frame_id, car.frame_locked) == ("base_link", True)
     assert car.pose.position.x == pytest.approx(CENTRE)
     assert (car.scale.x, car.scale.y) == (pytest.approx(4.689), 1.9)
+
+
+def test_markers_show_bounds_that_are_a_ring(made: Plan, tmp_path: Path) -> None:
+    ring = np.array([[-9.0, -9.0], [30.0, -9.0], [25.0, 12.0], [-9.0, 12.0]])
+    save_mcap(tmp_path / "plan.mcap", replace(made.scenario, bounds=ring), the_trajectory(made))
+    (scene,) = (message for topic, _, message in messages_of(tmp_path / "plan.mcap") if topic == "/scene")
+    (bounds,) = (marker for marker in scene.markers if marker.ns == "bounds")
+    assert {(p.x, p.y) for p in bounds.points} == {(x, y) for x, y in ring.tolist()}
 
 
 def test_the_same_plan_gives_the_same_messages(made: Plan, tmp_path: Path) -> None:
@@ -243,12 +253,36 @@ def test_a_gif_is_small_repeats_and_shows_the_car_from_start_to_goal(made: Plan,
     assert cars[-1] - cars[0] > 100  # pixels to the right
 
 
+def test_a_film_begins_at_the_start_and_ends_at_the_goal(
+    made: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses: list[np.ndarray] = []
+
+    def seen(vehicle: Vehicle, pose: np.ndarray, phi: float) -> list[np.ndarray]:
+        poses.append(pose)
+        return _outlines(vehicle, pose, phi)
+
+    monkeypatch.setattr(animation, "_outlines", seen)
+    save_gif(tmp_path / "plan.gif", made.scenario, the_trajectory(made))
+    np.testing.assert_array_equal(poses[0], made.scenario.start)
+    np.testing.assert_allclose(poses[-1], made.scenario.goal, atol=0.01)
+    with Image.open(tmp_path / "plan.gif") as film:
+        assert film.n_frames == len(poses)  # type: ignore[attr-defined]
+
+
 def test_a_short_plan_is_shown_as_fast_as_it_is(short: Plan, tmp_path: Path) -> None:
     trajectory = the_trajectory(short)
     save_gif(tmp_path / "plan.gif", short.scenario, trajectory)
     with Image.open(tmp_path / "plan.gif") as film:
         n = film.n_frames  # type: ignore[attr-defined]
     assert n == math.ceil(trajectory.duration * 12.5) + 1
+
+
+def test_a_car_in_a_film_is_drawn_at_its_scale() -> None:
+    pose = np.array([1.0, 2.0, 0.5])
+    full, small = (_outlines(Vehicle().scaled(scale), pose * (scale, scale, 1.0), 0.3) for scale in (1.0, 0.1))
+    for one, other in zip(full, small, strict=True):
+        np.testing.assert_allclose(other, 0.1 * one, rtol=1e-9)
 
 
 @pytest.fixture

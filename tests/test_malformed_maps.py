@@ -265,6 +265,7 @@ def test_what_is_no_file_is_one_line(
 
 def test_a_map_needs_start_and_goal(capsys: pytest.CaptureFixture[str]) -> None:
     Path("bad.yaml").write_bytes(text_of(GOOD))
-    assert refusal(capsys, arguments=[]) == ("start: missing; where the file has none, give --start X Y THETA")
+    told = "start and goal: missing; where the file has none, give --start X Y THETA --goal X Y THETA"
+    assert refusal(capsys, arguments=[]) == told
     assert (refusal(capsys, arguments=POSES[:4]) or "").startswith("goal: missing")
     assert refusal(capsys) is None

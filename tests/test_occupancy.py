@@ -211,6 +211,25 @@ def test_a_scenario_of_a_grid_covers_the_same_with_holes_and_stays_inside(yaw: f
         Scenario.from_occupancy(free, 0.5, origin, start, start + [0.0, -6.0, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("unknown", "end", "said"),
+    [
+        ("occupied", (30.0, 10.0, 0.0), "goal: the car collides with an occupied (or unknown) cell near (29.07, 9.05)"),
+        ("occupied", (13.4, 10.0, 0.0), "goal: the car collides with an occupied (or unknown) cell near (17.00, 9.50)"),
+        ("free", (17.5, 10.0, 0.0), "goal: the car collides with an occupied cell near (17.00, 9.50)"),
+    ],
+)
+def test_a_car_that_stands_on_cells_is_refused_with_their_place(
+    unknown: str, end: tuple[float, float, float], said: str
+) -> None:
+    cells = np.zeros((40, 80), dtype=np.int8)
+    cells[19:21, 34:36] = 100
+    cells[:, 50:] = -1
+    with pytest.raises(ScenarioError) as refusal:
+        Scenario.from_occupancy(cells, 0.5, (0, 0), (3.0, 10.0, 0.0), end, unknown=unknown)
+    assert str(refusal.value) == said
+
+
 def test_a_plan_among_the_cells_of_a_map_is_verified_and_touches_none() -> None:
     pixels = drawn(400, 0.0, np.random.default_rng(0), specks=0.0)
     pixels[100:300, 195:200] = True  # a wall, a block that is turned, and single cells

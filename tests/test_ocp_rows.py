@@ -98,6 +98,23 @@ def test_excess_area_equals_the_papers_sum_of_triangles_minus_the_polygon() -> N
         assert value == pytest.approx(triangles - 0.5 * abs(ax * by - ay * bx), abs=EXACT)
 
 
+@pytest.mark.parametrize("half", [1e-4, 0.01, 0.1])
+@pytest.mark.parametrize("at", [(4.0, 0.3), (4.4, 1.5), (1.5, 1.35), (1.5, -1.35)])
+def test_what_rows_ask_of_the_reference_is_its_distance_however_small_the_obstacle_is(
+    half: float, at: tuple[float, float]
+) -> None:
+    near = np.array([0.0, 0.0, 0.0])
+    ring = np.array(at) + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    distance = shapely.distance(shapely.Polygon(VEHICLE.footprints(near)[0]), shapely.Polygon(ring))
+    for share, holds in ((0.99, True), (1.01, False)):
+        margin = share * distance
+        formulation = among(np.stack([near - [9, 0, 0], near, near + [9, 0, 0]]), ring, margin=margin)
+        formulation = replace(formulation, reference_share=2.0)
+        blocks = triangle_areas(formulation)
+        lower = np.concatenate([block.lower for block in blocks])
+        assert bool(np.all(values_of(blocks, formulation) >= lower)) == holds
+
+
 def test_pairs_within_a_distance_are_those_whose_boxes_are() -> None:
     rng = np.random.default_rng(5)
     rings = [SQUARE + rng.uniform(-20, 20, 2) for _ in range(10)] + [TRIANGLE + rng.uniform(-20, 20, 2)]

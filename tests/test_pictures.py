@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Polygon
@@ -82,6 +82,18 @@ def test_concave_obstacle_leaves_its_notch_free(yard: Yard) -> None:
     ell = next(c for c in ax.collections if isinstance(c, PathCollection)).get_paths()[0]
     assert ell.contains_point((9.0, 7.0))
     assert not ell.contains_point((11.0, 4.0))  # inside its convex hull
+
+
+def test_map_shows_points_lines_and_discs(yard: Yard) -> None:
+    points, line = [[3.0, -4.0, 0.0], [9.0, 10.0, 0.0], [18.0, 0.0, 0.3]], [[3.0, 4.0], [3.0, 9.0], [6.0, 9.0]]
+    ax = draw_map(Figure().add_subplot(), yard(points=points, lines=[line]))
+    dots = [np.asarray(drawn.get_xydata()).tolist() for drawn in ax.lines if drawn.get_linestyle() == "None"]
+    assert [[3.0, -4.0], [9.0, 10.0]] in dots
+    (lines,) = [drawn for drawn in ax.collections if isinstance(drawn, LineCollection)]
+    np.testing.assert_array_equal(lines.get_segments(), [line])
+    assert labels(ax).count("obstacles") == 1
+    alone = draw_map(Figure().add_subplot(), yard(points=points[:2], obstacles=()))
+    assert labels(alone).count("obstacles") == 1
 
 
 def test_footprints_are_evenly_spaced_along_the_path(yard: Yard, left_turn: Turn) -> None:

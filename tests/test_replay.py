@@ -11,13 +11,14 @@ from typing import cast
 import numpy as np
 import pytest
 import shapely
-from pydrake.geometry import MeshcatAnimation
+from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
 from pydrake.math import RigidTransform
 
 from drake_gnnocp.pictures import save_replay
 from drake_gnnocp.pictures.car_model import Proportions, animate_car
 from drake_gnnocp.pictures.meshes import Mesh, frustum, prism, upright
-from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.pictures.replay import THIN, WALL_HEIGHT, _add_obstacles
+from drake_gnnocp.scenario import Area, Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 
@@ -82,6 +83,53 @@ def test_replay_of_a_far_away_map_happens_near_zero(
     near, far = parked
     np.testing.assert_allclose(near, [-10.0, -3.5, 0.0], atol=SUM_ERROR)  # from the middle of the bounds
     np.testing.assert_allclose(far, near, atol=FAR_SUM_ERROR)
+
+
+def test_replay_of_a_small_robot_has_what_stands_around_it_at_its_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, yard: Yard, left_turn: Turn
+) -> None:
+    parked: list[np.ndarray] = []
+    monkeypatch.setattr("drake_gnnocp.pictures.replay.place_car", lambda _meshcat, pose: parked.append(pose))
+    small = yard(
+        vehicle=Vehicle().scaled(0.2),
+        obstacles=tuple(0.2 * np.asarray(ring) for ring in yard().obstacles),
+        bounds=(-1.0, 5.0, -1.0, 2.4),
+        goal=np.array([4.0, 1.0, 1.0]),
+    )
+    save_replay(tmp_path / "replay.html", small, left_turn().scaled(0.2))
+    np.testing.assert_allclose(parked[0], [-10.0, -3.5, 0.0], atol=SUM_ERROR)
+
+
+class Scene:
+    """A Meshcat that remembers what it is given."""
+
+    def __init__(self) -> None:
+        self.meshes: dict[str, Mesh] = {}
+        self.segments: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def SetTriangleMesh(self, path: str, vertices: np.ndarray, faces: np.ndarray, rgba: Rgba) -> None:  # noqa: N802, D102
+        self.meshes[path] = vertices, faces
+
+    def SetLineSegments(  # noqa: N802, D102 (Drake's name)
+        self, path: str, begin: np.ndarray, end: np.ndarray, width: float, rgba: Rgba
+    ) -> None:
+        self.segments[path] = begin, end
+
+
+def test_all_obstacles_are_one_mesh_and_thin_ones_are_thick_enough_to_see() -> None:
+    grid = [(3.0 * x, 3.0 * y) for x in range(-20, 20) for y in range(3, 23)]
+    squares = tuple(np.array([[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]]) for x, y in grid)
+    frame = Area(np.array([[0, -9], [4, -9], [4, -5], [0, -5]]), (np.array([[1, -8], [2, -8], [2, -7]]),))
+    start, goal = np.array([-9.0, 0.0, 0.0]), np.array([9.0, 0.0, 0.0])
+    solid = Scenario("solid", start, goal, (*squares, frame))
+    thin = Scenario("thin", start, goal, lines=(np.array([[0.0, 4.0], [10.0, 4.0]]),), points=np.array([[2, 7, 0]]))
+    for scenario, area in ((solid, len(squares) + 16 - 0.5), (thin, 10 * 2 * THIN)):
+        scene = Scene()
+        _add_obstacles(cast(Meshcat, scene), scenario)
+        (walls,), ((begin, end),) = scene.meshes.values(), scene.segments.values()
+        assert volume(walls) == pytest.approx(WALL_HEIGHT * area, rel=0.02)
+        closed = 4 * len(squares) + 4 + 3
+        assert begin.shape == end.shape and (scenario is thin or begin.shape == (3, closed))
 
 
 def test_replay_is_silent_and_restores_the_log_level(
@@ -152,6 +200,11 @@ def test_prism_encloses_the_exact_polygon_in_either_orientation(yard: Yard) -> N
 def test_prism_keeps_holes_open() -> None:
     frame = shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2)
     assert volume(prism(frame, 0.0, 2.0)) == pytest.approx(2.0 * 11.0, rel=SUM_ERROR)
+
+
+def test_many_prisms_are_one_mesh_of_all_of_them() -> None:
+    polygons = np.array([shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2), shapely.box(5, 0, 6, 1), shapely.Polygon()])
+    assert volume(prism(polygons, 1.0, 3.0)) == pytest.approx(2.0 * 12.0, rel=SUM_ERROR)
 
 
 def test_frustum_and_upright_face_outwards() -> None:

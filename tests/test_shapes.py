@@ -132,6 +132,18 @@ def test_the_planner_drives_around_walls_points_and_corners_of_a_fence() -> None
     assert all((shapely.distance(shape, cars) > 0).all() for shape in exact)
 
 
+def test_a_slalom_among_points_is_driven_as_among_thin_posts() -> None:
+    """It was not found: corners of the car were to keep 3.6 m away from points."""
+    places = np.array([[7.0, 0.2], [12.0, -0.3], [17.0, 0.2]])
+    plans = []
+    for radius in (0.0, 0.01):
+        posts = np.column_stack([places, np.full(len(places), radius)])
+        plans.append(plan(Scenario("slalom", np.zeros(3), np.array([24.0, 0.0, 0.0]), points=posts)))
+    points, thin = plans
+    assert points.verified and thin.verified and len(points.attempts) == 1
+    assert points.cost is not None and thin.cost is not None and points.cost.J < thin.cost.J
+
+
 def test_a_closed_wall_without_thickness_is_no_path() -> None:
     wall = np.array([[7.0, -8.0], [20.0, -8.0], [20.0, 8.0], [7.0, 8.0], [7.0, -8.0]])
     result = plan(

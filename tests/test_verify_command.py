@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drake_gnnocp import Scenario, Trajectory
+from drake_gnnocp import Scenario, Trajectory, verify_command
 from drake_gnnocp.vehicle import Input, State
 from drake_gnnocp.verify_command import main
 
@@ -82,6 +82,26 @@ def test_bad_input_is_one_line(
     assert (
         captured.out == "" and captured.err.count("\n") == 1 and "mine.csv" in captured.err and message in captured.err
     )
+
+
+def test_the_picture_shows_what_is_driven_beside_what_the_table_says(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Trajectory | None] = []
+    monkeypatch.setattr(verify_command, "save_plan_picture", lambda *given, labels: shown.extend(given[2:4]))
+    table = Trajectory.load_csv(files[1])
+    table.states[5:, State.Y] += 3.0  # the car does not drive there: its inputs say straight ahead
+    table.save_csv(files[1])
+    assert main([*(str(path) for path in files), "--out", str(tmp_path)]) == 0
+    driven, said = shown
+    assert driven is not None and said is not None
+    np.testing.assert_array_equal(said.poses, table.poses)
+    np.testing.assert_allclose(driven.column(State.Y), WORLD[1], atol=1e-9)
+    assert len(driven) > 10 * len(said) and driven.poses[-1, 0] == pytest.approx(table.poses[-1, 0], abs=1e-6)
+    table.inputs[3] = 1e11
+    table.save_csv(files[1])
+    assert main([*(str(path) for path in files), "--out", str(tmp_path)]) == 3
+    assert shown[2] is None and shown[3] is not None  # nothing is driven
 
 
 def test_what_cannot_be_driven_is_not_verified(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,10 +21,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from drake_gnnocp.pictures import style
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import goal_poses
+from drake_gnnocp.pictures.scene import goal_poses, relative_bounds
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
@@ -160,13 +161,12 @@ class _Messages:
 
     def _markers(self) -> Iterator[Any]:
         scenario, vehicle, kind = self._scenario, self._scenario.vehicle, self._types["visualization_msgs/msg/Marker"]
-        for j, polygon in enumerate(scenario.polygons):
-            vertices, faces = prism(polygon, 0.0, WALL_HEIGHT)
+        if len(things := scenario.shapes.things):
+            vertices, faces = prism(things, 0.0, WALL_HEIGHT)
             walls = vertices.T[faces.T.ravel()]
-            yield self._marker("obstacles", j, kind.TRIANGLE_LIST, style.OBSTACLE, 1.0, walls)
-        if scenario.bounds is not None:
-            low, high = np.reshape(scenario.bounds, (2, 2)).T
-            corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
+            yield self._marker("obstacles", 0, kind.TRIANGLE_LIST, style.OBSTACLE, 1.0, walls)
+        if (bounds := relative_bounds(scenario, np.zeros(2))) is not None:
+            corners = shapely.get_coordinates(bounds)
             yield self._marker("bounds", 0, kind.LINE_STRIP, style.LIMIT, 1.0, _on_ground(corners))
         for name, pose, color in (("start", scenario.start, style.START), ("goal", self._goal, style.GOAL)):
             rectangle = vehicle.footprints(pose)[0][[0, 1, 2, 3, 0]]

@@ -13,18 +13,22 @@ touch in a point, one of them a hole. So all polygons are valid, share no area, 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import shapely
 
-from drake_gnnocp.maps.occupancy_grid import Grid
+from drake_gnnocp.maps.occupancy_grid import MEANINGS, Grid
 from drake_gnnocp.shapes import Area
+from drake_gnnocp.vehicle import Vehicle
 
 SW, SE, NW, NE = 1, 2, 4, 8  # bits for the cells around a lattice point
 FALLING = SE | NW  # the diagonal contact of which the lower cell is the right one
 CORNERS = np.array([code.bit_count() % 2 + 2 * (code in (SW | NE, FALLING)) for code in range(16)], dtype=np.uint8)
 MOST_CORNERS = 5_000_000  # they take 100 bytes each
+COLLISION = re.compile(r"(?P<end>start|goal)(s\[(?P<i>\d+)\])?: the car collides with obstacles\[(?P<j>\d+)\]")
 
 
 def outlines(grid: Grid) -> list[shapely.Polygon]:
@@ -164,3 +168,25 @@ def fields_of_grid(grid: Grid) -> dict[str, Any]:
         rings[j].append(points[end - count : end - 1])
     areas = (Area(ring, tuple(holes)) if holes else ring for ring, *holes in rings)
     return {"obstacles": tuple(areas), "bounds": grid.bounds}
+
+
+def with_places(message: str, fields: Mapping[str, Any], unknown: str) -> str:
+    """What is said of a scenario on a grid, with places for the numbers of obstacles: nobody has given them.
+
+    Args:
+        message: of an error.
+        fields: of the scenario.
+        unknown: what unknown cells were taken for.
+    """
+    cell = "an occupied (or unknown) cell" if unknown == MEANINGS[0] else "an occupied cell"
+
+    def placed(found: re.Match[str]) -> str:
+        end, i = found["end"], found["i"]
+        pose = np.array(fields[end] if i is None else fields[f"{end}s"][int(i)], dtype=float)
+        car = shapely.Polygon((fields.get("vehicle") or Vehicle()).footprints(pose)[0])
+        area = fields["obstacles"][int(found["j"])]
+        cells = shapely.Polygon(area.ring, area.holes) if isinstance(area, Area) else shapely.Polygon(area)
+        x, y = shapely.get_coordinates(shapely.shortest_line(car, cells))[1]
+        return f"{found[0].partition(':')[0]}: the car collides with {cell} near ({x:.2f}, {y:.2f})"
+
+    return COLLISION.sub(placed, message)

@@ -40,7 +40,9 @@ MOST_ANSWERS = 8  # refinements after the first solve
 # Ipopt's, of all solves, after which no other one follows: a verified plan of a hard task took 615. Where SQP steps
 # have converged, what is not finished soon never is
 MOST_ITERATIONS, MOST_FINISHING = 800, 200
-FINISH_ROWS_WITHIN = 1.2  # m, where SQP steps have converged: little moves any more
+# where SQP steps have converged, little moves any more: Ipopt with its approximate Hessian is kept near there, or it
+# wanders off along flat directions of long plans, for hundreds of iterations
+FINISH_ROWS_WITHIN, FINISH_TRUST_REGION = 1.2, (0.15, 0.15, 0.1)  # m; m, m, rad
 DEARER = 1.02  # of a plan's cost: what more clearance may cost
 MOST_WIDENING = 40  # iterations of Ipopt for it
 LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
@@ -121,7 +123,8 @@ def refine(
         # steps leave the margins they were asked for
         formulation = replace(formulation, reference=steps.trajectory, reference_share=1.0)
     if steps is not None and steps.converged:
-        formulation, settings = replace(formulation, rows_within=FINISH_ROWS_WITHIN), FINISH
+        near = replace(formulation, rows_within=FINISH_ROWS_WITHIN, trust_region=FINISH_TRUST_REGION)
+        formulation, settings = near, FINISH
     formulation = _with_lines(formulation, dict.fromkeys(overlapping_pairs(formulation), 0.0))
     if budget.is_over:
         return Refined((), None, budget.ended_before("the first solve"))
@@ -146,9 +149,7 @@ def refine(
         if solve.success:
             formulation = answer(scenario, formulation, solve)
         else:  # back to the guess as it was given
-            share, within = given.reference_share, given.rows_within
-            formulation = replace(formulation, reference=guess, reference_share=share, rows_within=within)
-            settings = given_settings
+            formulation, settings = replace(given, lines=formulation.lines), given_settings
     return Refined(tuple(solves), best, _reason(solves[best].verification, solves, budget))
 
 

@@ -2,8 +2,10 @@ r"""Collision constraints by the triangle-area method (the paper's obstacle cons
 
 The triangles that a point P spans with the edges of a convex polygon cover the polygon when P is inside, and more when
 it is outside:  sum_i S(P, A_i, A_{i+1}) > S.  The excess is the area of the triangles on edges that P sees from
-outside, for one edge its length times the distance. Every row is divided by what makes it the distance of the point at
-the reference, and bounded below by a margin [m].
+outside, for one edge its length times the distance. Every row is divided by the length that makes it the distance of
+the point at the reference, and bounded below by a margin [m]. Posts and the ends of thin walls have hardly any length
+to be divided by: their rows are divided by SHORTEST, and the margin counts for as much less, so that the distance that
+is asked for is the same.
 
 Both ways for every pair of a knot and a convex obstacle near it: corners of the car against the obstacle (rows "car")
 and vertices of the obstacle against the car (rows "obstacle", in the car's frame).
@@ -23,7 +25,7 @@ from drake_gnnocp.vehicle import Vehicle
 KNOTS_PER_BLOCK = 20  # in one callback: 10 took 1.2 times as long an iteration, 5 1.3 times
 POINTS_PER_PAIR = 2  # corners (and vertices) of one knot and obstacle that get a row
 TOUCHING = 1e-3  # m, points nearer than this say nothing of the length their row is divided by
-SHORTEST = 0.05  # m, least of these lengths
+SHORTEST = 0.05  # m, least that a row is divided by: the slopes of others would be thousands
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,37 +38,44 @@ class AreaRows(Table):
     ring: np.ndarray  # (R, M, 2) car rows: obstacle in the world; obstacle rows: car in the body frame [m]
     is_car: np.ndarray  # (R,) bool
     distance: np.ndarray  # (R,) of the point from its ring at the reference, 0 inside [m]
-    length: np.ndarray  # (R,) what the excess area is divided by [m]
+    length: np.ndarray  # (R,) excess area over distance at the reference [m]
 
     def __len__(self) -> int:
         return len(self.knot)
 
+    @property
+    def divisor(self) -> np.ndarray:
+        """What the excess area is divided by: (R,) [m]."""
+        return np.maximum(self.length, SHORTEST)
+
 
 def triangle_areas(formulation: Formulation) -> list[RowBlock]:
-    """Excess / length >= margin of the rows that can become active near the reference, in blocks of knots."""
+    """Excess >= margin times length of the rows that can become active near the reference, in blocks of knots."""
     rows = rows_near(formulation)
     demanded = formulation.demanded[rows.knot]
     least = np.maximum(formulation.least_margins[rows.obstacle], demanded)
     most = np.maximum(formulation.margins[rows.obstacle], demanded)
     margins = np.clip(formulation.reference_share * rows.distance, least, most)
+    least_values = margins * (rows.length / rows.divisor)
     blocks = []
     for first in range(0, len(formulation.reference), KNOTS_PER_BLOCK):
         in_block = np.flatnonzero((rows.knot >= first) & (rows.knot < first + KNOTS_PER_BLOCK))
         if len(in_block):
-            blocks.append(_block(rows.subset(in_block), margins[in_block]))
+            blocks.append(_block(rows.subset(in_block), least_values[in_block]))
     return blocks
 
 
-def _block(rows: AreaRows, margins: np.ndarray) -> RowBlock:
+def _block(rows: AreaRows, least: np.ndarray) -> RowBlock:
     knots, position, row, column = pose_pattern(rows.knot, group=1)
-    per_length = 1.0 / rows.length[:, None]
+    divisor = rows.divisor
+    per_length = 1.0 / divisor[:, None]
 
     def evaluate(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         excess, derivative = row_values(rows, x.reshape(-1, 3)[position])
-        return excess / rows.length, (derivative * per_length).ravel()
+        return excess / divisor, (derivative * per_length).ravel()
 
     name = f"triangle areas at knots {knots[0]} to {knots[-1]}"
-    return RowBlock(name, evaluate, margins, np.full(len(rows), np.inf), row, column, knots, POSE)
+    return RowBlock(name, evaluate, least, np.full(len(rows), np.inf), row, column, knots, POSE)
 
 
 def rows_near(formulation: Formulation) -> AreaRows:
@@ -131,7 +140,6 @@ def _nearest(
     of_pair[is_point] = distance
     nth = np.sort(of_pair, axis=1)[:, min(POINTS_PER_PAIR, points.shape[1]) - 1]
     keep = np.flatnonzero((distance <= nth[pair]) & (distance < within))
-    length = np.maximum(length, SHORTEST)
     return AreaRows(all_knots, pairs.obstacle[pair], all_points, all_rings, all_car, distance, length).subset(keep)
 
 

@@ -31,7 +31,7 @@ LONGEST, PAUSE = 9.0, 1.0  # s, of the film: the drive at most, and the rest at 
 GIF_RATE, MP4_RATE = 12.5, 25.0  # frames a second; players of GIFs know hundredths of a second only
 GIF_DPI, MP4_DPI = 88, 110
 GIF_COLOURS = 128
-WHEEL = (0.7, 0.24)  # m, length and width
+WHEEL = np.array([0.7, 0.24])  # m, length and width, of a car of the default length
 CLOCK = "{:6.1f} s\n{:6.2f} m/s"
 DRIVEN = "#003F63"  # the plan's blue, darker: the way behind the car
 MOVING = 10  # zorder of what is drawn for every frame
@@ -139,13 +139,12 @@ def _looks() -> list[dict[str, Any]]:
 
 def _outlines(vehicle: Vehicle, pose: np.ndarray, phi: float) -> list[np.ndarray]:
     """Outlines (N, 2) of the wheels (the front ones steered), the body and the windscreen [m]."""
-    side = vehicle.width / 2
+    side, wheel = vehicle.width / 2, WHEEL * vehicle.length / Vehicle().length
     wheels = []
     for x, angle in ((0.0, 0.0), (vehicle.wheelbase, phi)):
         for y in (-side, side):
             turned = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-            half = np.array(WHEEL) / 2
-            wheels.append(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ turned.T + [x, y])
+            wheels.append(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * wheel / 2 @ turned.T + [x, y])
     front = vehicle.wheelbase
     screen = np.array([[0.62 * front, -0.82 * side], [0.9 * front, -0.7 * side], [0.9 * front, 0.7 * side]])
     screen = np.vstack([screen, [0.62 * front, 0.82 * side]])

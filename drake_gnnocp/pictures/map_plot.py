@@ -28,6 +28,7 @@ FOOTPRINT_SPACING = 1.5  # m of arc length between footprints
 FOOTPRINTS = (6, 60)  # the least and the most of them
 BORDER = 0.03  # of the larger side, free space around the drawing
 MAP_SIZE = (6.6, 6.2)  # inch, the map fits into this ...
+POINT = 3.0  # points, size of an obstacle that has none
 LEGEND_WIDTH = 24  # characters
 LEGEND_ROOM = (2.1, 0.8)  # inch, ... and legend, labels and title need this beside and above it
 
@@ -41,6 +42,7 @@ def draw_map(
     fault: Finding | None = None,
     no_path: NoPath | None = None,
     footprints: bool = True,
+    labels: tuple[str, str] | None = None,
 ) -> Axes:
     """Draw a scenario from above with a plan in it, to scale.
 
@@ -55,6 +57,7 @@ def draw_map(
         fault: of the plan, marked where it is; the plan is then not called optimised.
         no_path: why there is no path: where it is blocked is marked.
         footprints: whether the car is drawn along the plan.
+        labels: of guess and trajectory in the legend, where they are something else.
 
     Returns:
         ax
@@ -67,11 +70,11 @@ def draw_map(
         ax.add_patch(Polygon(shapely.get_coordinates(bounds), **look))  # dash-dotted
     if trajectory is not None and footprints:
         _draw_footprints(ax, scenario.vehicle, relative_poses(trajectory.poses, origin))
+    of_guess, of_plan = labels or ("initial guess", "optimised path" if fault is None else "unverified path")
     if guess is not None:
-        ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label="initial guess", zorder=4)
+        ax.plot(*_path(guess, origin), "--", color=style.GUESS, linewidth=1.3, label=of_guess, zorder=4)
     if trajectory is not None:
-        label = "optimised path" if fault is None else "unverified path"
-        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=label, zorder=5)
+        ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=of_plan, zorder=5)
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
     _draw_goals(ax, scenario, trajectory, origin)
     if fault is not None:
@@ -94,10 +97,11 @@ def plan_figure(
     title: str | None = None,
     fault: Finding | None = None,
     no_path: NoPath | None = None,
+    labels: tuple[str, str] | None = None,
 ) -> Figure:
-    """The map of a plan as a figure of its own, for a notebook or a file."""
+    """The map of a plan as a figure of its own, for a notebook or a file; see `draw_map`."""
     figure = style.new_figure(*map_size(scenario, (trajectory, guess)))
-    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path)
+    draw_map(figure.add_subplot(), scenario, trajectory, guess, title, fault, no_path, labels=labels)
     return figure
 
 
@@ -117,9 +121,10 @@ def save_plan_picture(
     title: str | None,
     fault: Finding | None = None,
     no_path: NoPath | None = None,
+    labels: tuple[str, str] | None = None,
 ) -> None:
-    """Write the map of a plan as a picture (PNG, or what the suffix says)."""
-    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault, no_path), path)
+    """Write the map of a plan as a picture (PNG, or what the suffix says); see `draw_map`."""
+    style.save_figure(plan_figure(scenario, trajectory, guess, title, fault, no_path, labels), path)
 
 
 def _path(trajectory: Trajectory, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,11 +138,17 @@ def _draw_obstacles(ax: Axes, scenario: Scenario, origin: np.ndarray) -> None:
         look: dict[str, Any] = {"fc": style.OBSTACLE, "ec": style.OBSTACLE_EDGE, "linewidths": 0.8}
         ax.add_collection(PathCollection(outlines, zorder=2, **look), autolim=False)
         ax.add_patch(Rectangle((0, 0), 0, 0, fc=style.OBSTACLE, ec=style.OBSTACLE_EDGE, lw=0.8, label="obstacles"))
-    if len(shapes.lines):
-        lines = [shapely.get_coordinates(line) for line in shapes.lines]
-        look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round"}
-        look["label"] = None if len(shapes.polygons) else "obstacles"
+    is_point = shapely.length(shapes.lines) == 0
+    label = None if len(shapes.polygons) else "obstacles"
+    if not is_point.all():
+        lines = [shapely.get_coordinates(line) for line in shapes.lines[~is_point]]
+        look = {"colors": style.OBSTACLE_EDGE, "linewidths": 1.6, "capstyle": "round", "label": label}
         ax.add_collection(LineCollection(lines, zorder=2, **look), autolim=False)
+        label = None
+    if is_point.any():
+        x, y = shapely.get_coordinates(shapely.centroid(shapes.lines[is_point])).T
+        look = {"color": style.OBSTACLE_EDGE, "markersize": POINT, "markeredgewidth": 0, "label": label}
+        ax.plot(x, y, "o", zorder=2, **look)
 
 
 def _compound_path(polygon: shapely.Polygon) -> Path:

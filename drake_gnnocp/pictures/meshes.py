@@ -8,21 +8,26 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from drake_gnnocp.polygons import signed_area
-
 Mesh = tuple[np.ndarray, np.ndarray]
 
 
-def prism(polygon: shapely.Polygon, low: float, high: float) -> Mesh:
-    """Extrude a polygon, concave or with holes, from z = low to z = high [m]."""
-    lids = [_counter_clockwise(t) for t in shapely.constrained_delaunay_triangles(polygon).geoms]
-    triangles = [_at(t, high) for t in lids] + [_at(t[::-1], low) for t in lids]
-    outside = shapely.orient_polygons(polygon)  # the inside on the left of every edge, round holes too
-    for ring in (np.asarray(r.coords) for r in (outside.exterior, *outside.interiors)):
-        for p, q in zip(ring[:-1], ring[1:], strict=True):
-            (p0, q0), (p1, q1) = _at(np.array([p, q]), low), _at(np.array([p, q]), high)
-            triangles += [np.array([p0, q0, q1]), np.array([p0, q1, p1])]
-    vertices = np.concatenate(triangles).T  # every triangle has its own: shared ones would be shaded as if round
+def prism(polygons: shapely.Polygon | np.ndarray, low: float, high: float) -> Mesh:
+    """Extrude polygons, one or many (P,), concave or with holes, from z = low to z = high [m]: one mesh of all."""
+    polygons = np.atleast_1d(polygons)
+    lids = shapely.get_coordinates(shapely.constrained_delaunay_triangles(polygons)).reshape(-1, 4, 2)[:, :3]
+    (x, y), (u, v) = (lids[:, 1] - lids[:, 0]).T, (lids[:, 2] - lids[:, 0]).T
+    is_clockwise = x * v - y * u < 0
+    lids[is_clockwise] = lids[is_clockwise, ::-1]
+    outside = shapely.get_rings(shapely.orient_polygons(polygons))  # the inside on the left of every edge, at holes too
+    points, ring = shapely.get_coordinates(outside, return_index=True)
+    follows = ring[1:] == ring[:-1]
+    p, q = points[:-1][follows], points[1:][follows]
+    walls = [
+        np.stack([_at(p, low), _at(q, low), _at(q, high)], axis=1),
+        np.stack([_at(p, low), _at(q, high), _at(p, high)], axis=1),
+    ]
+    triangles = np.concatenate([_at(lids, high), _at(lids[:, ::-1], low), *walls])
+    vertices = triangles.reshape(-1, 3).T  # every triangle has its own: shared ones would be shaded as if round
     return vertices, np.arange(vertices.shape[1]).reshape(-1, 3).T
 
 
@@ -39,10 +44,6 @@ def upright(mesh: Mesh, half_width: float) -> Mesh:
     return np.stack([x, half_width * (1 - 2 * share), z]), faces
 
 
-def _counter_clockwise(triangle: shapely.Polygon) -> np.ndarray:
-    ring = np.asarray(triangle.exterior.coords)[:3]
-    return ring if signed_area(ring) > 0 else ring[::-1]
-
-
 def _at(points: np.ndarray, z: float) -> np.ndarray:
-    return np.column_stack([points, np.full(len(points), z)])
+    """Points (..., 2) at a height: (..., 3) [m]."""
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)

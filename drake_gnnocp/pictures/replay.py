@@ -2,6 +2,8 @@
 
 Drake's Meshcat renders it with WebGL; the file carries the program and the scene and opens without server or network.
 The scene's frame is the scenario's, moved so that the middle of the map is at zero (see `scene`; the sun looks there).
+Its unit is that in which the car is as long as the default one: what stands around a small robot is low, too.
+All obstacles are one mesh: Meshcat takes seconds to load thousands of objects.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from drake_gnnocp.drake_log import drake_lines
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import extent, goal_poses, relative_bounds, relative_poses
+from drake_gnnocp.pictures.scene import extent, goal_poses, relative_bounds
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -30,6 +32,7 @@ FRAMES_PER_SECOND = 30.0
 PAUSE = 1.0  # s, the car rests at the goal before the replay starts again
 REPETITIONS = 10_000  # Meshcat has no endless loop
 WALL_HEIGHT = 1.0  # m, lower than the car, so that it is seen behind obstacles
+THIN = 0.03  # m, half the thickness that lines and points are shown with
 KERB = 0.15  # m, width and height of the bounds
 STROKE = 0.12  # m, width of the lines on the ground: WebGL's own lines are one pixel wide
 PATH_HEIGHT, OUTLINE_HEIGHT = 0.03, 0.02  # m, thickness of the paint: the path covers the outlines
@@ -39,7 +42,6 @@ ELEVATION = math.radians(58.0)  # of the camera above the ground
 ASPECT = 1.4  # width over height of the window the camera is set for: a narrow one; wider windows show more
 PANEL_WIDTH = 200  # pixels, of the controls
 SUN = np.array([-0.5, -0.35, 1.0])  # the direction the light comes from
-ZERO = np.zeros(2)
 
 GROUND = Rgba(0.88, 0.88, 0.87)
 GRID_LINE = Rgba(0.72, 0.72, 0.71)
@@ -82,19 +84,21 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
         trajectory: what the car drives, None where nothing was found: it then stands at the start.
     """
     box = extent(scenario, (trajectory,), scenario.start[:2])
-    origin, half_size = scenario.start[:2] + box.mean(axis=0), (box[1] - box[0]) / 2
+    x, y = -(scenario.start[:2] + box.mean(axis=0))
+    scene = scenario.translated(x, y).in_car_lengths
+    half_size, vehicle = (box[1] - box[0]) / (2 * scene.unit), scene.vehicle
     with _meshcat() as meshcat:
         _add_ground(meshcat, half_size)
-        _add_obstacles(meshcat, scenario, origin)
-        _add_outline(meshcat, "start", scenario.vehicle, relative_poses(scenario.start, origin), START)
+        _add_obstacles(meshcat, scene)
+        _add_outline(meshcat, "start", vehicle, scene.start, START)
         poses, reached = goal_poses(scenario, trajectory)
-        for i, pose in enumerate(relative_poses(poses, origin)):
+        for i, pose in enumerate((poses + (x, y, 0.0)) / (scene.unit, scene.unit, 1.0)):
             name, color = ("goal", GOAL) if reached == i or len(poses) == 1 else (f"goals/{i}", FAINT_GOAL)
-            _add_outline(meshcat, name, scenario.vehicle, pose, color)
-        add_car(meshcat, scenario.vehicle)
-        place_car(meshcat, relative_poses(scenario.start, origin))
+            _add_outline(meshcat, name, vehicle, pose, color)
+        add_car(meshcat, vehicle)
+        place_car(meshcat, scene.start)
         if trajectory is not None:
-            _add_motion(meshcat, scenario.vehicle, trajectory.translated(-origin[0], -origin[1]))
+            _add_motion(meshcat, vehicle, trajectory.translated(x, y).scaled(1 / scene.unit))
         _set_lights(meshcat, half_size)
         _set_camera(meshcat, half_size)
         html = meshcat.StaticHtml()
@@ -117,16 +121,12 @@ def _meshcat() -> Iterator[Meshcat]:
     yield meshcat
 
 
-def _paint(
-    meshcat: Meshcat, path: str, shape: shapely.Geometry, height: float, color: Rgba, origin: np.ndarray = ZERO
-) -> None:
-    """Extrude polygons from the ground to a height; rounding may leave loose lines in a union, which have no area.
-
-    Only their mesh is moved to the origin (2,) [m]: rounding could make a thin polygon one that has no triangles.
-    """
-    for k, polygon in enumerate(part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)):
-        vertices, faces = prism(polygon, 0.0, height)
-        meshcat.SetTriangleMesh(f"{path}/{k}", vertices - np.append(origin, 0.0)[:, None], faces, rgba=color)
+def _paint(meshcat: Meshcat, path: str, shape: shapely.Geometry, height: float, color: Rgba) -> None:
+    """Extrude polygons from the ground to a height; rounding may leave loose lines in a union, which have no area."""
+    parts = shapely.get_parts(shape)
+    polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    if len(polygons):
+        meshcat.SetTriangleMesh(path, *prism(polygons, 0.0, height), rgba=color)
 
 
 def _plate_size(half_size: np.ndarray) -> np.ndarray:
@@ -151,14 +151,17 @@ def _add_ground(meshcat: Meshcat, half_size: np.ndarray) -> None:
     meshcat.SetLineSegments("ground/grid", np.transpose(begin), np.transpose(end), 1.0, GRID_LINE)
 
 
-def _add_obstacles(meshcat: Meshcat, scenario: Scenario, origin: np.ndarray) -> None:
+def _add_obstacles(meshcat: Meshcat, scenario: Scenario) -> None:
     """The obstacles as walls with a dark upper edge, and the bounds as a kerb just outside of them."""
-    for j, polygon in enumerate(scenario.shapes.things):
-        _paint(meshcat, f"obstacles/{j}/body", polygon, WALL_HEIGHT, WALL, origin)
-        for k, ring in enumerate((polygon.exterior, *polygon.interiors)):
-            edge = np.column_stack([np.asarray(ring.coords) - origin, np.full(len(ring.coords), WALL_HEIGHT + 0.01)])
-            meshcat.SetLine(f"obstacles/{j}/edge{k}", edge.T, 1.0, WALL_EDGE)
-    if (bounds := relative_bounds(scenario, origin)) is not None:
+    shapes = scenario.shapes
+    walls = np.append(shapes.polygons, shapely.get_parts(shapely.buffer(shapes.lines, THIN, quad_segs=2)))
+    _paint(meshcat, "obstacles/walls", walls, WALL_HEIGHT, WALL)
+    if len(walls):
+        points, ring = shapely.get_coordinates(shapely.get_rings(walls), return_index=True)
+        edge = np.column_stack([points, np.full(len(points), WALL_HEIGHT + 0.01)]).T
+        follows = ring[1:] == ring[:-1]
+        meshcat.SetLineSegments("obstacles/edges", edge[:, :-1][:, follows], edge[:, 1:][:, follows], 1.0, WALL_EDGE)
+    if (bounds := relative_bounds(scenario, np.zeros(2))) is not None:
         kerb = bounds.buffer(KERB, join_style="mitre") - bounds  # far away, rounding may leave none
         _paint(meshcat, "bounds", kerb, KERB, WALL_EDGE)
 

@@ -35,6 +35,7 @@ from drake_gnnocp.vehicle import Vehicle
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
 BOUNDS_TOLERANCE = 1e-9  # m: a car that starts exactly on the bounds is inside, whatever the rounding
+SPARSE = 8  # every so many poses of a path are tested first
 FEW_PARTS = 40  # all of which are compared with every pose; more are looked up in an index
 MOST_NUMBERS = 2_000_000  # in an array: more poses are tested in parts
 COARSEST_SPACING = 0.2  # m, between tested poses
@@ -101,11 +102,17 @@ class FootprintTest:
 
     def first_free(self, paths: Sequence[np.ndarray]) -> int | None:
         """Index of the first of some paths, (N_i, 3) poses each, that has no colliding pose; None where all have."""
+        sparse = self._have_hits([poses[::SPARSE] for poses in paths])  # which tells for most that collide
+        maybe = np.flatnonzero(~sparse)
+        free = maybe[~self._have_hits([paths[i] for i in maybe])]
+        return int(free[0]) if len(free) else None
+
+    def _have_hits(self, paths: Sequence[np.ndarray]) -> np.ndarray:
+        """Which paths (N_i, 3) have a colliding pose: bool."""
         if not paths:
-            return None
+            return np.zeros(0, dtype=bool)
         starts = np.cumsum([0, *(len(poses) for poses in paths[:-1])])
-        hit = np.logical_or.reduceat(self.collides(np.concatenate(paths)), starts)
-        return None if hit.all() else int(hit.argmin())
+        return np.logical_or.reduceat(self.collides(np.concatenate(paths)), starts)
 
     def _place_circles(self, vehicle: Vehicle) -> None:
         count = math.ceil(2.0 * vehicle.length / vehicle.width)

@@ -35,7 +35,7 @@ from drake_gnnocp.trajectory import Trajectory
 N_STATES, N_KNOT = 5, 7  # x, y, theta, v, phi; and a, w
 POINTS_PER_PAIR = 2  # as ours; with all corners and vertices the peer took 1.5 times as long
 TOUCHING = 1e-3  # m, points nearer than this say nothing of the length their row is divided by
-SHORTEST = 0.05  # m, least of these lengths
+SHORTEST = 0.05  # m, least that a row is divided by
 FAR = 1e6  # m
 HUGE = 1e20
 PLAIN = {"linear_solver": "mumps", "max_iter": USUAL.max_iterations}
@@ -62,6 +62,11 @@ class PairRows:
     point: np.ndarray  # (R, 2) corner in the frame of the car, or vertex in the world [m]
     length: np.ndarray  # (R,) what makes the excess over S the distance of the point at the guess [m]
     margin: np.ndarray  # (R,) [m]
+
+    @property
+    def divisor(self) -> np.ndarray:
+        """What both sides of the rows are divided by: (R,) [m]."""
+        return np.maximum(self.length, SHORTEST)
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,8 @@ def nonlinear_program(problem: Formulation) -> Nlp:
     defects = _defects(vehicle.wheelbase, problem.step).map(n - 1)(knots[:, :-1], knots[:, 1:])
     constraints = [(ca.vec(defects), 0.0, 0.0)]
     for rows in pair_rows(problem):
-        constraints.append((_areas(knots, rows), _area(rows.ring) / rows.length + rows.margin, math.inf))
+        least = (_area(rows.ring) + rows.margin * rows.length) / rows.divisor
+        constraints.append((_areas(knots, rows), least, math.inf))
     lower = np.concatenate([np.broadcast_to(low, g.numel()) for g, low, _ in constraints])
     upper = np.concatenate([np.broadcast_to(high, g.numel()) for g, _, high in constraints])
     x_high = np.full((n, N_KNOT), math.inf)
@@ -160,7 +166,7 @@ def _nearest(ring: np.ndarray, seen: np.ndarray, within: float) -> tuple[np.ndar
     np.divide(np.abs(cross).sum(axis=-1) / 2 - _area(ring), distance, out=length, where=distance > TOUCHING)
     rank = np.argsort(np.argsort(distance, axis=1), axis=1)
     k, which = np.nonzero((rank < POINTS_PER_PAIR) & (distance < within))
-    return k, which, np.maximum(length[k, which], SHORTEST)
+    return k, which, length[k, which]
 
 
 def _area(ring: np.ndarray) -> float:
@@ -198,7 +204,7 @@ def _areas(knots: ca.MX, rows: PairRows) -> ca.MX:
         a, b = first - p, second - p
         total += ca.fabs(a[0] * b[1] - a[1] * b[0]) / 2
     one_row = ca.Function("areas", [pose, point, scale], [total * scale])
-    return one_row.map(len(rows.knot))(knots[:3, rows.knot.tolist()], rows.point.T, (1 / rows.length)[None]).T
+    return one_row.map(len(rows.knot))(knots[:3, rows.knot.tolist()], rows.point.T, (1 / rows.divisor)[None]).T
 
 
 def _cost(knots: ca.MX, problem: Formulation) -> ca.MX:
