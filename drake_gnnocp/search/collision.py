@@ -104,7 +104,7 @@ class FootprintTest:
         """Index of the first of some paths, (N_i, 3) poses each, that has no colliding pose; None where all have."""
         sparse = self._have_hits([poses[::SPARSE] for poses in paths])  # which tells for most that collide
         maybe = np.flatnonzero(~sparse)
-        free = maybe[~self._have_hits([paths[i] for i in maybe])]
+        free = maybe[~self._have_hits([paths[i] for i in maybe.tolist()])]
         return int(free[0]) if len(free) else None
 
     def _have_hits(self, paths: Sequence[np.ndarray]) -> np.ndarray:
