@@ -26,7 +26,8 @@ from drake_gnnocp.vehicle import Vehicle
 COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 MOST_TOLERANCE = 100.0  # m, that can be given
 HEADINGS = 360  # that are looked at where a heading is free
-APART = 15  # of these: headings that are no farther apart lead to the same plans, since the optimiser turns them
+APART = 15  # of these: headings that are no farther apart lead to the same plans, since the optimiser turns them ...
+FEWEST = 3  # ... mostly: where there is less room, there are still so many
 
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
@@ -181,7 +182,7 @@ class Ground:
             int(part[len(part) // 2])
             for run in runs
             if is_free[run[0]]
-            for part in np.array_split(run, max(1, round(len(run) / APART)))
+            for part in np.array_split(run, max(min(FEWEST, len(run)), round(len(run) / APART)))
         ]
         return headings()[sorted(chosen)]
 

@@ -288,12 +288,12 @@ def aims_of(scenario: Scenario) -> list[Aim]:
 
 
 def _well_apart(aims: Sequence[Aim]) -> list[Aim]:
-    """The first few aims of each goal whose headings are well apart, or all of a goal that has few."""
-    first: list[Aim] = []
-    counts = Counter(aim.goal for aim in aims)
-    for aim in aims:
-        same = [other for other in first if other.goal == aim.goal]
-        turns = (abs(math.remainder(aim.heading - other.heading, 2 * math.pi)) for other in same)
-        if len(same) < OF_A_GOAL and (counts[aim.goal] <= OF_A_GOAL or all(turn >= APART for turn in turns)):
-            first.append(aim)
-    return first
+    """The first few aims of each goal, in their order: those with headings well apart as long as there are any."""
+    chosen: set[Aim] = set()
+    for least in (APART, 0.0):
+        for aim in aims:
+            same = [other for other in chosen if other.goal == aim.goal]
+            turns = (abs(math.remainder(aim.heading - other.heading, 2 * math.pi)) for other in same)
+            if len(same) < OF_A_GOAL and all(turn >= least for turn in turns):
+                chosen.add(aim)
+    return [aim for aim in aims if aim in chosen]
