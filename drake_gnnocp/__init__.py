@@ -1,5 +1,6 @@
 """Trajectory planning in unstructured places: a guess, optimal control with Drake, and independent verification."""
 
+from drake_gnnocp.ends import GoalTolerance
 from drake_gnnocp.guesses import (
     Given,
     Guess,
@@ -29,6 +30,7 @@ __all__ = [
     "Fixed",
     "FromGuess",
     "Given",
+    "GoalTolerance",
     "Guess",
     "GuessSource",
     "GuessUnavailable",

@@ -15,6 +15,7 @@ from drake_gnnocp.vehicle import Vehicle
 
 ENDS = ("start", "goal")
 TASK = (*ENDS, "vehicle", "unknown", "layers")  # what `add_task_arguments` adds, keywords of `Scenario.load`
+FREE = "free"  # heading of a goal that may have any
 UNITS = {"rad": 1.0, "deg": math.pi / 180}  # rad
 SIGNED = re.compile(r"-[\d.]")
 
@@ -27,7 +28,8 @@ def add_task_arguments(parser: argparse.ArgumentParser) -> None:
             nargs=3,
             action=_Pose,
             metavar=("X", "Y", "THETA"),
-            help=f"{end} in m and rad, or 90deg (default: the scenario's; maps have none)",
+            help=f"{end} in m and rad, or 90deg{', or free' if end == 'goal' else ''} (default: the scenario's; maps "
+            "have none)",
         )
     parser.add_argument("--vehicle", type=vehicle_in, metavar="JSON", help="a file with the car's measures")
     parser.add_argument(
@@ -65,13 +67,15 @@ def angle(text: str) -> float:
     return float(word.removesuffix(unit)) * UNITS.get(unit, 1.0)
 
 
-def pose(texts: Sequence[str]) -> tuple[float, ...]:
-    """A pose x, y, theta [m, m, rad] from three texts.
+def pose(texts: Sequence[str], may_be_free: bool = False) -> tuple[float | None, ...]:
+    """A pose x, y, theta [m, m, rad] from three texts; the heading may be FREE where that is allowed, and is None then.
 
     Raises:
         ValueError: one of them is no number.
     """
-    values = []
+    if may_be_free and texts[2].strip().lower() == FREE:
+        return (*pose((*texts[:2], "0"))[:2], None)
+    values: list[float | None] = []
     for what, text in zip(("X", "Y", "THETA"), texts, strict=True):
         try:
             value = angle(text) if what == "THETA" else float(text)
@@ -112,6 +116,6 @@ class _Pose(argparse.Action):
         option_string: str | None = None,
     ) -> None:
         try:
-            setattr(namespace, self.dest, pose(values))
+            setattr(namespace, self.dest, pose(values, may_be_free=self.dest == "goal"))
         except ValueError as error:
             raise argparse.ArgumentError(self, str(error)) from None

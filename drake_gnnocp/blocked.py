@@ -12,6 +12,8 @@ from drake_gnnocp.convex import convex_parts, cover
 from drake_gnnocp.polygons import SAME_POINT, merged
 
 FEW_VERTICES = 100  # of a polygon that is taken as it is
+# of all polygons together: the outline of more is made simpler, by this share of half the gaps that are filled
+MOST_CORNERS, SIMPLER = 3000, 0.3
 
 Parts = tuple[np.ndarray, ...]  # convex rings (M, 2), counter-clockwise, that cover a polygon [m]
 
@@ -60,6 +62,18 @@ class Blocked:
         polygons, covers = shapely.transform(self.polygons, change), shapely.transform(self.covers, change)
         parts = tuple(tuple(change(ring) for ring in rings) for rings in self.parts)
         return Blocked(polygons, covers, parts, self.is_larger)
+
+
+def outline_of(polygons: np.ndarray, gap: float) -> shapely.MultiLineString:
+    """The outline of polygons (B,), with gaps between them filled that are narrower than `gap` [m]."""
+    half, union = gap / 2, shapely.union_all
+    if shapely.get_num_coordinates(polygons).sum() > MOST_CORNERS:
+        polygons, union = shapely.simplify(polygons, half * SIMPLER), shapely.disjoint_subset_union_all
+    grown = union(shapely.buffer(polygons, half, join_style="mitre"))
+    with np.errstate(divide="ignore", invalid="ignore"):  # GEOS divides by zero at some corners, and copes
+        filled = shapely.buffer(shapely.get_parts(grown), -half, join_style="mitre")
+    rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
+    return shapely.MultiLineString([shapely.LineString(ring) for ring in rings])
 
 
 def _objects(shapes: Sequence[shapely.Geometry]) -> np.ndarray:

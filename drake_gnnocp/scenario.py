@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,9 @@ from typing import Any, ClassVar
 import numpy as np
 import shapely
 
-from drake_gnnocp.blocked import Blocked
+from drake_gnnocp import scenario_arrays as arrays
+from drake_gnnocp.blocked import Blocked, outline_of
+from drake_gnnocp.ends import GoalTolerance, Ground, Target
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.maps.grid_outlines import fields_of_grid, with_places
 from drake_gnnocp.maps.occupancy_grid import MEANINGS, grid_of_cells
@@ -24,13 +26,13 @@ from drake_gnnocp.scenario_files import (
     BOUNDS,
     KEYS,
     MAP_SUFFIXES,
-    POSE,
     REQUIRED_KEYS,
     ScenarioError,
     as_json,
     bundled_scenarios,
     checked_fields,
     path_of,
+    pose_as_json,
     read_fields,
     with_ends,
 )
@@ -40,12 +42,9 @@ from drake_gnnocp.vehicle import Vehicle
 __all__ = ["Area", "Scenario", "ScenarioError", "bundled_scenarios"]
 
 MOST_CLEARANCE = 100.0  # m, that can be asked for
-COORDINATE_TOLERANCE = 1e-9  # m: a car this near an obstacle touches it, one this far over the bounds is inside them
 
 DECIMALS = 10  # of lengths in a unit that is not the metre: a task at another scale is the same to the last bit then
 COVER_TOLERANCE = 0.013  # of the car's length: what planners take obstacles of many vertices to be larger by
-# of all obstacles together: the outline of more is made simpler, by this share of the gaps that are filled
-MOST_CORNERS, SIMPLER = 3000, 0.3
 SAME_UNIT = 1e-9  # relative: units this near are the same
 LARGEST_HEADING = 20 * math.pi  # rad, larger ones may have been meant in degrees
 
@@ -63,20 +62,26 @@ class Scenario:
     The clearance is asked of the whole motion, except near an end that leaves less itself: as long as the middle of the
     rear axle is within one length of the car from the start (goal), no more is asked than what the car has there.
 
+    Either a goal is given, or `goals` of which one is to be reached; a heading of None or NaN is free. Where there are
+    several, or one with a free heading, `goals` are those as given, and `goal` is the first pose of them at which the
+    car may stand: planners go for one pose at a time, see `aimed`.
+
     Raises:
-        ScenarioError: a value is not of numbers, a polygon is not simple, or the car at start or goal collides or
-            leaves the bounds.
+        ScenarioError: a value is not of numbers, a polygon is not simple, or the car at the start or at all goals
+            collides or leaves the bounds.
     """
 
     name: str
     start: np.ndarray  # (3,) x, y, theta
-    goal: np.ndarray  # (3,) x, y, theta
+    goal: np.ndarray = field(default_factory=lambda: np.empty(0))  # (3,) x, y, theta; left out where there are goals
     obstacles: tuple[np.ndarray | Area, ...] = ()  # rings (N_j, 2), or rings with holes [m]
     bounds: tuple[float, float, float, float] | np.ndarray | None = None  # xmin, xmax, ymin, ymax, or a ring (N, 2) [m]
     vehicle: Vehicle = field(default_factory=Vehicle)
     clearance: float = 0.0  # m, kept to obstacles and bounds at all times, with the exemption of both ends
     lines: tuple[np.ndarray, ...] = ()  # polylines (N_j, 2) without thickness [m]
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) x, y, radius (may be 0) [m]
+    goals: tuple[np.ndarray, ...] = ()  # (3,) x, y, theta; empty where `goal` is the only pose
+    goal_tolerance: GoalTolerance | None = None  # how far from a goal a motion may end
 
     unit: ClassVar[float] = 1.0  # m, what a length of 1 stands for, see `in_car_lengths`
 
@@ -90,39 +95,71 @@ class Scenario:
         self._check_ends()
 
     def _check_ends(self) -> None:
-        for which in ("start", "goal"):
-            pose = _doubles(which, getattr(self, which), f"3 finite numbers [{POSE}]", (3,))
-            object.__setattr__(self, which, pose)
-            self._check_pose(which, pose)
+        object.__setattr__(self, "start", arrays.pose("start", self.start))
+        if fault := self._ground.fault(self.start):
+            raise ScenarioError(f"start: {fault}")
+        self._choose_goal()
         for which, pose in (("start", self.start), ("goal", self.goal)):
             if abs(pose[2]) > LARGEST_HEADING:
                 logger.warning("%s: headings are in radians, and %g is many turns: are these degrees?", which, pose[2])
 
-    def _convert(self) -> None:
-        object.__setattr__(self, "clearance", float(_doubles("clearance", self.clearance, "a number in m", ())))
-        vertices = "a list of vertices [x, y]"
-        areas = tuple(_area(f"obstacles[{j}]", obstacle, vertices) for j, obstacle in enumerate(self.obstacles))
-        object.__setattr__(self, "obstacles", areas)
-        lines = tuple(_doubles(f"lines[{j}]", line, vertices, (-1, 2)) for j, line in enumerate(self.lines))
-        object.__setattr__(self, "lines", lines)
-        object.__setattr__(self, "points", _points(self.points))
-        if self.bounds is not None:
-            object.__setattr__(self, "bounds", _bounds(self.bounds))
+    def _choose_goal(self) -> None:
+        """Set `goals` to what is given where that is not one pose, and `goal` to a pose at which the car may stand."""
+        several = len(self.goals) > 1
+        wanted = self.goals if len(self.goals) else (self.goal,)
+        if np.shape(wanted[0]) == (0,):
+            raise ScenarioError("goal: missing")
+        given = tuple(arrays.pose(f"goals[{i}]" if several else "goal", goal, True) for i, goal in enumerate(wanted))
+        same = [np.isnan(pose) | (pose == self.goal) for pose in given] if np.shape(self.goal) == (3,) else []
+        if len(self.goals) and np.shape(self.goal) != (0,) and not any(is_same.all() for is_same in same):
+            raise ScenarioError("goals: give either goal or goals, not both")
+        object.__setattr__(self, "goals", given if several or np.isnan(given[0][2]) else ())
+        object.__setattr__(self, "goal", given[0])
+        faults = []
+        for i, pose in enumerate(given):
+            try:
+                object.__setattr__(self, "goal", np.append(pose[:2], self.headings_at(i)[0]))
+                return
+            except ScenarioError as error:
+                faults.append(str(error))
+        raise ScenarioError(f"goals: the car can stand at none: {'; '.join(faults)}" if several else faults[0])
 
-    def _check_pose(self, which: str, pose: np.ndarray) -> None:
-        if not np.isfinite(pose).all():
-            raise ScenarioError(f"{which}: must be 3 finite numbers [{POSE}], not {pose}")
-        footprint = self.vehicle.footprints(pose - np.append(pose[:2], 0.0))[0]  # in a frame that moves with the car
-        if self.box is not None:
-            low, high = np.reshape(self.box, (2, 2)).T - pose[:2]
-            if (footprint < low - COORDINATE_TOLERANCE).any() or (footprint > high + COORDINATE_TOLERANCE).any():
-                raise ScenarioError(f"{which}: the car leaves the bounds {list(self.box)}")
-        car = shapely.Polygon(footprint + pose[:2])
-        if self.shapes.fence is not None and not self.shapes.fence.contains_properly(car):
-            raise ScenarioError(f"{which}: the car leaves the bounds, or touches them")
-        seen = self.shapes.near(car, COORDINATE_TOLERANCE).mapped(lambda points: points - pose[:2])
-        if (touched := seen.touched_by(shapely.Polygon(footprint), COORDINATE_TOLERANCE)) is not None:
-            raise ScenarioError(f"{which}: the car collides with {touched}")
+    def headings_at(self, which: int) -> np.ndarray:
+        """Headings to plan to one of the goals with: (H,), its own, or where it is free those that the car may have.
+
+        Raises:
+            ScenarioError: the car at the goal collides or leaves the bounds.
+        """
+        headings, fault = self._ground.headings_at(self.targets[which], self.clearance)
+        if fault:
+            raise ScenarioError(f"{self.name_of_goal(which)}: {fault}")
+        return headings
+
+    def name_of_goal(self, which: int) -> str:
+        """What one of the goals is called: "goal", or "goals[1]" where there are several."""
+        return f"goals[{which}]" if len(self.goals) > 1 else "goal"
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Where a motion may end: (G,) all goals with the tolerance."""
+        return tuple(Target(pose, self.goal_tolerance) for pose in self.goals or (self.goal,))
+
+    def _convert(self) -> None:
+        object.__setattr__(self, "clearance", float(arrays.doubles("clearance", self.clearance, "a number in m", ())))
+        vertices = "a list of vertices [x, y]"
+        areas = tuple(arrays.area(f"obstacles[{j}]", obstacle, vertices) for j, obstacle in enumerate(self.obstacles))
+        object.__setattr__(self, "obstacles", areas)
+        lines = tuple(arrays.doubles(f"lines[{j}]", line, vertices, (-1, 2)) for j, line in enumerate(self.lines))
+        object.__setattr__(self, "lines", lines)
+        object.__setattr__(self, "points", arrays.points(self.points))
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", arrays.bounds(self.bounds))
+        if isinstance(self.goal_tolerance, Mapping):
+            object.__setattr__(self, "goal_tolerance", GoalTolerance.from_dict(self.goal_tolerance))
+
+    @cached_property
+    def _ground(self) -> Ground:
+        return Ground(self.vehicle, self.shapes, self.box)
 
     @cached_property
     def shapes(self) -> Shapes:
@@ -189,15 +226,7 @@ class Scenario:
     @cached_property
     def outline(self) -> shapely.MultiLineString:
         """The outline of `blocked`, with gaps that are narrower than half the car filled."""
-        gap = self.vehicle.width / 4
-        blocked, union = self.blocked, shapely.union_all
-        if shapely.get_num_coordinates(blocked).sum() > MOST_CORNERS:
-            blocked, union = shapely.simplify(blocked, gap * SIMPLER), shapely.disjoint_subset_union_all
-        grown = union(shapely.buffer(blocked, gap, join_style="mitre"))
-        with np.errstate(divide="ignore", invalid="ignore"):  # GEOS divides by zero at some corners, and copes
-            filled = shapely.buffer(shapely.get_parts(grown), -gap, join_style="mitre")
-        rings = shapely.get_rings(shapely.get_parts(shapely.normalize(filled)))
-        return shapely.MultiLineString([shapely.LineString(ring) for ring in rings])
+        return outline_of(self.blocked, self.vehicle.width / 2)
 
     @cached_property
     def convex_obstacles(self) -> tuple[np.ndarray, ...]:
@@ -242,6 +271,7 @@ class Scenario:
         scaled.__dict__.update(
             vehicle=self.vehicle.scaled(1 / unit),
             clearance=self.clearance / unit,
+            goal_tolerance=self.goal_tolerance and self.goal_tolerance.scaled(1 / unit),
             points=self.points / (unit, unit, unit),
             unit=unit,
             in_metres=self,
@@ -264,6 +294,7 @@ class Scenario:
             {known.name: getattr(self, known.name) for known in fields(self)},
             start=np.append(change(self.start[None, :2])[0], self.start[2]),
             goal=np.append(change(self.goal[None, :2])[0], self.goal[2]),
+            goals=tuple(np.append(change(goal[None, :2])[0], goal[2]) for goal in self.goals),
             obstacles=tuple(
                 change(obstacle)
                 if isinstance(obstacle, np.ndarray)
@@ -286,8 +317,31 @@ class Scenario:
         """
         other = object.__new__(type(self))
         known = (*(known.name for known in fields(self)), "shapes", "_blocked_anywhere")
-        other.__dict__.update({name: getattr(self, name) for name in known}, start=start, goal=goal)
+        other.__dict__.update({name: getattr(self, name) for name in known}, start=start, goal=goal, goals=())
         other._check_ends()
+        return other
+
+    def aimed(self, which: int, heading: float) -> Scenario:
+        """The same scene with one of the goals alone, to be planned to with a heading [rad]."""
+        given = self.targets[which].pose
+        other = object.__new__(type(self))
+        made: dict[str, Any] = {
+            key: self.__dict__[key] for key in ("_blocked_anywhere", "unit") if key in self.__dict__
+        }
+        goal, goals = np.append(given[:2], heading), (given,) if np.isnan(given[2]) else ()
+        other.__dict__.update({known.name: getattr(self, known.name) for known in fields(self)}, shapes=self.shapes)
+        other.__dict__.update(made, goal=goal, goals=goals)
+        return other
+
+    @cached_property
+    def exact(self) -> Scenario:
+        """The same task with an end at `goal` exactly; itself where nothing else is allowed."""
+        if not self.goals and self.targets[0].is_exact:
+            return self
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, goals=(), goal_tolerance=None)
+        if self.unit != 1.0:
+            other.__dict__.update(in_metres=self.in_metres.exact)
         return other
 
     @classmethod
@@ -309,7 +363,7 @@ class Scenario:
         given = {key: value for key, value in changes.items() if value is not None}
         made: dict[str, Any] = {}
         try:
-            made = with_ends(read_fields(path_of(source), unknown, layers) | given)
+            made = with_ends(read_fields(path_of(source), unknown, layers), given)
             return cls(**made)
         except ValueError as error:
             is_map = Path(source).suffix.lower() in MAP_SUFFIXES
@@ -355,50 +409,14 @@ class Scenario:
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario in the keys of the JSON format; `from_dict` gives it back exactly."""
-        data = as_json({key: getattr(self, key) for key in KEYS})
+        data = as_json({key: getattr(self, key) for key in KEYS if key != "goals"})
+        if self.goals:
+            data["goal"] = pose_as_json(self.goals[0])
+        if len(self.goals) > 1:
+            data |= {"goals": [pose_as_json(goal) for goal in self.goals]}
+            del data["goal"]
         return {key: value for key, value in data.items() if key in REQUIRED_KEYS or value != []}
 
     def save(self, path: Path | str) -> None:
         """Write the scenario as JSON."""
         write_atomically(Path(path), json.dumps(self.to_dict(), indent=1) + "\n")
-
-
-def _doubles(what: str, value: Any, meaning: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Doubles of a shape, in which -1 stands for any number."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):  # texts, or rows of different lengths
-        array = np.empty(())
-    if array.ndim != len(shape) or any(n not in (-1, size) for n, size in zip(shape, array.shape, strict=True)):
-        raise ScenarioError(f"{what}: must be {meaning}, not {shown(value)}")
-    return array
-
-
-def _area(what: str, value: Any, meaning: str) -> np.ndarray | Area:
-    if not isinstance(value, Area):
-        return _doubles(what, value, meaning, (-1, 2))
-    holes = (_doubles(f"{what}.holes[{k}]", hole, meaning, (-1, 2)) for k, hole in enumerate(value.holes))
-    return Area(_doubles(what, value.ring, meaning, (-1, 2)), tuple(holes))
-
-
-def _points(value: Any) -> np.ndarray:
-    if not len(value):
-        return np.empty((0, 3))
-    points = _doubles("points", value, "a list of [x, y, r]", (-1, 3))
-    if not (np.isfinite(points).all() and (points[:, 2] >= 0).all()):
-        raise ScenarioError("points: must be finite, with a radius of 0 or more")
-    return points
-
-
-def _bounds(value: Any) -> tuple[float, float, float, float] | np.ndarray:
-    """A box as a tuple, also where it is given as a ring; another ring as an array."""
-    if np.ndim(value) == 1:
-        xmin, xmax, ymin, ymax = _doubles("bounds", value, f"4 numbers [{BOUNDS}], or a ring", (4,)).tolist()
-        return xmin, xmax, ymin, ymax
-    ring = _doubles("bounds", value, f"4 numbers [{BOUNDS}], or a list of at least 3 vertices [x, y]", (-1, 2))
-    if not len(ring) or not np.isfinite(ring).all():
-        raise ScenarioError("bounds: must be finite vertices [x, y]")
-    (xmin, ymin), (xmax, ymax) = ring.min(axis=0).tolist(), ring.max(axis=0).tolist()
-    box = shapely.box(xmin, ymin, xmax, ymax)
-    is_box = len(ring) in (4, 5) and bool(shapely.Polygon(ring).equals(box))
-    return (xmin, xmax, ymin, ymax) if is_box else ring

@@ -1,8 +1,7 @@
 """What scenario files say, checked key by key: JSON, drawings, occupancy maps, and the CSV format of TPCAP.
 
 A key of the JSON format is one entry of `PARSERS`, which turns what the file says into the field of the same name of
-`Scenario`, or raises. A TPCAP file is one row of numbers without names,
-`x0,y0,th0, xf,yf,thf, n, count_1..count_n, x,y of every vertex`, in m and rad; the vehicle is that of the competition.
+`Scenario`, or raises.
 """
 
 from __future__ import annotations
@@ -10,18 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from reprlib import repr as shown  # short, and shallow where the value is nested
 from typing import Any
 
 import numpy as np
 
+from drake_gnnocp.ends import GoalTolerance
 from drake_gnnocp.files import PACKAGE, parse_json, read_text
 from drake_gnnocp.maps.dxf import read_dxf
 from drake_gnnocp.maps.geojson import parse_geojson
 from drake_gnnocp.maps.grid_outlines import fields_of_grid
 from drake_gnnocp.maps.occupancy_map import read_map
+from drake_gnnocp.maps.tpcap import parse_tpcap
 from drake_gnnocp.shapes import Area
 from drake_gnnocp.vehicle import Vehicle
 
@@ -31,9 +32,7 @@ POSE, BOUNDS = "x, y, theta", "xmin, xmax, ymin, ymax"
 LARGEST = 1e12  # m, rad: beyond it a double does not resolve the millimetre
 NUMBERS = frozenset({int, float})
 LONGEST_NAME = 100  # bytes, names of files end at 255
-TPCAP_VEHICLE = Vehicle(width=1.942, v_max=2.5, a_max=1.0, phi_max=0.75, w_max=0.5)
 BUNDLED = PACKAGE / "scenarios"
-N_FIRST = 7  # numbers of a TPCAP row before the vertex counts: start, goal, number of obstacles
 
 
 class ScenarioError(ValueError):
@@ -92,12 +91,16 @@ def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[st
     return checked_fields(data, [key for key in REQUIRED_KEYS if key in WITHOUT_ENDS or key in held])
 
 
-def with_ends(fields: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a scenario, start and goal among them.
+def with_ends(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a scenario, start and goal among them: those of a file, and others that take their places.
 
     Raises:
         ScenarioError: one of them is missing.
     """
+    for one, other in (("goal", "goals"), ("goals", "goal")):
+        if one in changes:
+            fields.pop(other, None)
+    fields = fields | changes
     missing = [end for end in ("start", "goal") if end not in fields and f"{end}s" not in fields]
     if missing:
         options = " ".join(f"--{end} X Y THETA" for end in missing)
@@ -121,6 +124,10 @@ def checked_fields(data: Any, required: Sequence[str] | None = None) -> dict[str
     for key in data:
         if key not in KEYS:
             raise ScenarioError(f"{key}: unknown key; allowed are {', '.join(KEYS)}")
+    several = data.get("goals") is not None
+    if several and data.get("goal") is not None:
+        raise ScenarioError("goals: give either goal or goals, not both")
+    required = [key for key in required if not (several and key == "goal")]
     for key in required:
         if key not in data:
             raise ScenarioError(f"{key}: missing")
@@ -132,13 +139,18 @@ def as_json(value: Any) -> Any:
     """Fields in what JSON can hold; `checked_fields` gives them back exactly. What is None is left out."""
     if isinstance(value, Mapping):
         return {key: as_json(inner) for key, inner in value.items() if inner is not None}
-    if isinstance(value, Vehicle):
+    if isinstance(value, Vehicle | GoalTolerance):
         return value.to_dict()
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Area):
         return as_json(value._asdict())
     return [as_json(inner) for inner in value] if isinstance(value, tuple) else value
+
+
+def pose_as_json(pose: np.ndarray) -> list[float | None]:
+    """A pose (3,) in what JSON can hold: a heading that is free is None."""
+    return [None if math.isnan(number) else number for number in pose.tolist()]
 
 
 def _name(value: Any) -> str:
@@ -162,6 +174,26 @@ def _numbers(what: str, value: Any, meaning: str) -> np.ndarray:
         if not abs(number) <= LARGEST:  # NaN as well
             raise ScenarioError(f"{what}[{i}]: must be finite and at most {LARGEST:g}, not {shown(number)}")
     return np.array(value, dtype=float)
+
+
+def _goal(what: str, value: Any) -> np.ndarray:
+    """A pose, whose heading may be null: it is NaN then."""
+    if isinstance(value, list | tuple) and len(value) == 3 and value[2] is None:
+        return np.append(_numbers(what, (*value[:2], 0.0), POSE)[:2], math.nan)
+    return _numbers(what, value, POSE)
+
+
+def _goals(value: Any) -> tuple[np.ndarray, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise ScenarioError(f"goals: must be a list of at least one pose [{POSE}], not {shown(value)}")
+    return tuple(_goal(f"goals[{i}]", goal) for i, goal in enumerate(value))
+
+
+def _goal_tolerance(value: Any) -> GoalTolerance:
+    try:
+        return GoalTolerance.from_dict(value)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
 
 
 def _bounds(value: Any) -> tuple[float, ...] | np.ndarray:
@@ -241,59 +273,16 @@ def _vehicle(value: Any) -> Vehicle:
 PARSERS: dict[str, Callable[[Any], Any]] = {
     "name": _name,
     "start": partial(_numbers, "start", meaning=POSE),
-    "goal": partial(_numbers, "goal", meaning=POSE),
+    "goal": partial(_goal, "goal"),
     "obstacles": _obstacles,
     "bounds": _bounds,
     "vehicle": _vehicle,
     "clearance": _clearance,
     "lines": _lines,
     "points": _points,
+    "goals": _goals,
+    "goal_tolerance": _goal_tolerance,
 }
 KEYS = tuple(PARSERS)
 REQUIRED_KEYS = KEYS[:4]
 WITHOUT_ENDS = ("name", "obstacles")  # of a file: start and goal may be given beside it
-
-
-def parse_tpcap(text: str, name: str) -> dict[str, Any]:
-    """Turn a TPCAP row into the keys of the JSON format.
-
-    Args:
-        text: the row; it may be broken into lines.
-        name: of the scenario, which the format does not hold.
-
-    Raises:
-        ValueError: something is not a finite number, or the counts do not fit.
-    """
-    lines = [line.strip().strip(",") for line in text.splitlines()]
-    cells = ",".join(line for line in lines if line).split(",")
-    values = [_cell(i, cell.strip()) for i, cell in enumerate(cells, start=1)]
-    if len(values) < N_FIRST:
-        raise ValueError(f"start, goal, number of obstacles: needs {N_FIRST} numbers, has {len(values)}")
-    n = _count("number of obstacles", values[N_FIRST - 1], least=0)
-    if len(values) < N_FIRST + n:
-        raise ValueError(f"vertex counts: there must be {n:g}, there are {len(values) - N_FIRST}")
-    counts = [_count(f"vertex count of obstacles[{j}]", values[N_FIRST + j], least=3) for j in range(n)]
-    flat = values[N_FIRST + n :]
-    if len(flat) != 2 * sum(counts):
-        asked = 2.0 * sum(map(float, counts))
-        raise ValueError(f"vertices: the counts ask for {asked:g} numbers, there are {len(flat)}")
-    vertices = zip(flat[::2], flat[1::2], strict=True)
-    rings = [list(islice(vertices, count)) for count in counts]
-    vehicle = TPCAP_VEHICLE.to_dict()
-    return {"name": name, "start": values[:3], "goal": values[3:6], "obstacles": rings, "vehicle": vehicle}
-
-
-def _cell(i: int, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        raise ValueError(f"number {i} of the row: must be a number, not {shown(cell)}") from None
-    if not math.isfinite(value):
-        raise ValueError(f"number {i} of the row: must be finite, not {cell}")
-    return value
-
-
-def _count(what: str, value: float, least: int) -> int:
-    if value != int(value) or value < least:
-        raise ValueError(f"{what}: must be a whole number of at least {least}, not {value:g}")
-    return int(value)

@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_gnnocp.arguments import TASK, add_task_arguments, with_signed_numbers
 from drake_gnnocp.console import DONE, NOT_VERIFIED, OneLineParser, failed
+from drake_gnnocp.ends import nearest_target
 from drake_gnnocp.files import replaced_together, write_atomically
 from drake_gnnocp.pictures import save_plan_picture
 from drake_gnnocp.scenario import Scenario
@@ -52,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
         x0, y0, _ = scenario.start  # near the origin, see Scenario.translated
         found = verify(scenario.translated(-x0, -y0), trajectory.translated(-x0, -y0)).translated(x0, y0)
         print("\n".join(_table(found)))
-        print(f"{scenario.name}: {_outcome(found)}")
+        print(f"{scenario.name}: {_outcome(found)}{_reached(scenario, trajectory) if found.verified else ''}")
     except ValueError as error:
         return failed(error, arguments.trajectory)
     if arguments.out is not None:
@@ -71,6 +72,13 @@ def _outcome(found: Verification) -> str:
     if not found.findings:
         return "not verified: its inputs are too large, or it takes too long, to be driven"
     return f"not verified: {'; '.join(found.faults)}"
+
+
+def _reached(scenario: Scenario, trajectory: Trajectory) -> str:
+    """Which of several goals a verified trajectory ends at."""
+    if len(scenario.goals) < 2:
+        return ""
+    return f", reaches {scenario.name_of_goal(nearest_target(scenario.targets, trajectory.poses[-1]))}"
 
 
 def _table(found: Verification) -> list[str]:

@@ -92,6 +92,21 @@ JSON_FILES: list[tuple[Any, str]] = [
     ({**GOOD, "clearance": -0.1}, "clearance: must be 0 to 100 m, not -0.1"),
     ({**GOOD, "clearance": float("nan")}, "clearance: must be 0 to 100 m, not nan"),
     ({**GOOD, "clearance": [0.1]}, "clearance: must be a number in m, not [0.1]"),
+    # goals
+    ({**GOOD, "goals": [[9, 0, 0]]}, "goals: give either goal or goals, not both"),
+    ({**without("goal"), "goals": []}, "goals: must be a list of at least one pose [x, y, theta], not []"),
+    ({**without("goal"), "goals": [[9, 0, 0], [9, 0]]}, "goals[1]: must be 3 numbers [x, y, theta], not [9.0, 0.0]"),
+    ({**without("goal"), "goals": [[9, None, 0]]}, "goals[0][1]: must be a number, not None"),
+    (
+        {**without("goal"), "goals": [[1, 0, 0], [8, 9, None]], "points": [[4, 0], [8, 9]]},
+        "goals: the car can stand at none: goals[0]: the car collides with points[0]; goals[1]: the car collides or",
+    ),
+    ({**GOOD, "goal": [12, 0, None], "points": [[12, 0]]}, "goal: the car collides or leaves the bounds in all headin"),
+    ({**GOOD, "start": [0, 0, None]}, "start[2]: must be a number, not None"),
+    ({**GOOD, "goal_tolerance": 0.1}, "goal_tolerance: must be an object with x, y, heading, not 0.1"),
+    ({**GOOD, "goal_tolerance": {"theta": 0.1}}, "goal_tolerance.theta: unknown key; allowed are x, y, heading"),
+    ({**GOOD, "goal_tolerance": {"heading": 90}}, "goal_tolerance.heading: must be 0 to 3.14 rad, not 90"),
+    ({**GOOD, "goal_tolerance": {"x": -1}}, "goal_tolerance.x: must be 0 to 100 m, not -1"),
     # vehicle
     (vehicle(hight=2), "vehicle.hight: unknown key; allowed are wheelbase, front_hang"),
     (vehicle(width=-1.9), "vehicle.width: must be between 0.001 and 10000, not -1.9"),
@@ -118,7 +133,7 @@ JSON_FILES: list[tuple[Any, str]] = [
     (
         "[]",
         "scenario: must be an object with the keys name, start, goal, obstacles, bounds, vehicle, clearance, lines, "
-        "points, not []",
+        "points, goals, goal_tolerance, not []",
     ),
     ("3", "scenario: must be an object with the keys"),
     ('{"name": "a", "name": "b"}', "name: appears twice"),

@@ -14,7 +14,7 @@ import drake_gnnocp
 PACKAGE = Path(drake_gnnocp.__file__).parent
 CORE = {
     *("workers", "files", "budget", "drake_log", "vehicle", "polygons", "convex", "blocked", "shapes", "maps"),
-    *("scenario_files", "trajectory", "scenario"),
+    *("scenario_files", "scenario_arrays", "ends", "trajectory", "scenario"),
 }
 FLOORS = (  # from the ground up: a room imports from its own floor's rooms (see ASIDE) and from those below
     CORE,

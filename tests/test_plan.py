@@ -24,12 +24,12 @@ from drake_gnnocp.scenario import bundled_scenarios
 from drake_gnnocp.verification import verify
 
 RESULT_KEYS = {
-    "scenario", "status", "guess", "total_seconds", "budget_ended", "t_final", "cost", "no_path", "attempts",
-    "verification",
+    "scenario", "status", "guess", "total_seconds", "budget_ended", "goal_reached", "t_final", "cost", "no_path",
+    "attempts", "verification",
 }  # fmt: skip
 ATTEMPT_KEYS = {
-    "guess", "guess_seconds", "build_seconds", "solve_seconds", "iterations", "first_iterations", "convex_steps",
-    "refinements", "solver_status", "cost", "verified", "reason",
+    "guess", "goal", "guess_seconds", "build_seconds", "solve_seconds", "iterations", "first_iterations",
+    "convex_steps", "refinements", "solver_status", "cost", "verified", "reason",
 }  # fmt: skip
 VERIFICATION_KEYS = {
     "collision_free", "min_clearance_m", "terminal_position_error_m", "terminal_heading_error_rad",

@@ -137,7 +137,7 @@ def test_standing_still_is_a_path() -> None:
 
 def test_no_way_is_a_reason_and_no_other_guess_steps_in(walled_in: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     for proof in ("no_passage", "no_path"):  # as where there is no way, and that cannot be proven
-        monkeypatch.setattr(f"drake_gnnocp.planner.planner.{proof}", lambda _: None)
+        monkeypatch.setattr(f"drake_gnnocp.planner.one_goal.{proof}", lambda _: None)
     result = plan(walled_in, "rrt_star", max_seconds=2.0)
     attempt, shown = result.attempts
     assert result.status == "failed" and attempt.source == "rrt_star" and attempt.reason.startswith("RRT*: ")

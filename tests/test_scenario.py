@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import shapely
 
+from drake_gnnocp.maps.tpcap import TPCAP_VEHICLE
 from drake_gnnocp.scenario import Scenario, ScenarioError, bundled_scenarios
-from drake_gnnocp.scenario_files import TPCAP_VEHICLE
 from drake_gnnocp.vehicle import Vehicle
 
 TPCAP_FOLDER = Path(__file__).parents[2] / "shared" / "scenarios" / "tpcap"

@@ -25,11 +25,13 @@ PAGE = (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8")
 EXAMPLES = [json.loads(text) for text in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
 BEYOND = re.compile(  # what the reader checks beyond the schema; the page lists it
     r"bounds: must be \[xmin, xmax, ymin, ymax\] with min < max|(start|goal): the car (collides|leaves)"
+    r"|goals: the car can stand at none"
     r"|(obstacles\[\d+\]|bounds): (has|crosses|its holes|must not touch)|name: must (have no slashes|be at most)"
 )
 RING = [[50, 50], [60, 50], [60, 60], [50, 60]]  # far from the poses
 FULL: dict[str, Any] = {
-    **{"name": "all", "start": [0, 0, 0], "goal": [20, 0, 0]},
+    **{"name": "all", "start": [0, 0, 0], "goal": [20, 0, 0], "goals": None},
+    "goal_tolerance": {"x": 0.5, "y": 0.1, "heading": 0.2},
     "obstacles": [RING, {"ring": RING, "holes": [[[52, 52], [54, 52], [54, 54]]]}],
     "lines": [[[30, 30], [40, 30], [40, 40]]],
     "points": [[-30, -30], [-40, -40, 0.5]],
@@ -80,6 +82,8 @@ def documents(draw: st.DrawFn) -> Any:
             else:
                 holder.append(draw(cells | st.just(json.loads(json.dumps(holder[key])))))
             break
+    if draw(st.integers(0, 3)) == 0 and isinstance(data, dict):
+        data |= {"goal": None, "goals": draw(st.lists(cells, max_size=3) | cells)}
     return data
 
 
@@ -108,6 +112,10 @@ def test_bundled_scenarios_are_valid(name: str) -> None:
 @settings(max_examples=300, deadline=None)
 @given(documents())
 @example(FULL)
+@example({**FULL, "goal": [20, 0, None]})
+@example({**FULL, "goal": None, "goals": [[20, 0, None], [0, 0, 0]]})
+@example({**FULL, "goals": [[20, 0, 0]]})
+@example({**FULL, "goal": None})
 @example([])
 def test_what_the_schema_takes_the_reader_takes_and_the_other_way_round(data: Any) -> None:
     said = refusal(data)

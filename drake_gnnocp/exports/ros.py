@@ -4,7 +4,7 @@
     /tf     tf2_msgs/TFMessage                map -> base_link (middle of the rear axle), one for every row
     /cmd    geometry_msgs/TwistStamped        speed and yaw rate in base_link, one for every row
     /scene  visualization_msgs/MarkerArray    obstacles, bounds, start, goal, footprints, and the car in base_link
-    /start, /goal  geometry_msgs/PoseStamped
+    /start, /goal (that is reached)  geometry_msgs/PoseStamped
 
 What does not change is written once, at the beginning, and offered to those who come later (transient local). The clock
 begins at 1 s: ROS reads the time 0 as "the latest". Types are those of ROS 2 Humble, which later ones read as well.
@@ -25,7 +25,7 @@ import shapely
 
 from drake_gnnocp.pictures import style
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import relative_bounds
+from drake_gnnocp.pictures.scene import goal_poses, relative_bounds
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State, Vehicle
@@ -103,6 +103,8 @@ class _Messages:
     def __init__(self, types: dict[str, Any], scenario: Scenario, trajectory: Trajectory) -> None:
         self._types, self._scenario, self._trajectory = types, scenario, trajectory
         self._times = trajectory.t - trajectory.t[0]
+        poses, reached = goal_poses(scenario, trajectory)
+        self._goal = poses[reached or 0]
 
     def all(self) -> Iterator[tuple[float, str, Any]]:
         """Time since the beginning [s], topic and message."""
@@ -111,7 +113,7 @@ class _Messages:
         yield 0.0, "/plan", self._make("nav_msgs/msg/Path", header=self._header(0.0), poses=stamped)
         yield 0.0, "/scene", self._make("visualization_msgs/msg/MarkerArray", markers=list(self._markers()))
         yield 0.0, "/start", self._stamped_pose(0.0, self._scenario.start)
-        yield 0.0, "/goal", self._stamped_pose(0.0, self._scenario.goal)
+        yield 0.0, "/goal", self._stamped_pose(0.0, self._goal)
         for t, state in zip(self._times, self._trajectory.states, strict=True):
             yield t, "/tf", self._make("tf2_msgs/msg/TFMessage", transforms=[self._transform(t, state)])
             yield t, "/cmd", self._command(t, state, vehicle)
@@ -166,7 +168,7 @@ class _Messages:
         if (bounds := relative_bounds(scenario, np.zeros(2))) is not None:
             corners = shapely.get_coordinates(bounds)
             yield self._marker("bounds", 0, kind.LINE_STRIP, style.LIMIT, 1.0, _on_ground(corners))
-        for name, pose, color in (("start", scenario.start, style.START), ("goal", scenario.goal, style.GOAL)):
+        for name, pose, color in (("start", scenario.start, style.START), ("goal", self._goal, style.GOAL)):
             rectangle = vehicle.footprints(pose)[0][[0, 1, 2, 3, 0]]
             yield self._marker(name, 0, kind.LINE_STRIP, color, 1.0, _on_ground(rectangle))
         shown = np.unique(np.linspace(0, len(self._trajectory) - 1, FOOTPRINTS).astype(int))

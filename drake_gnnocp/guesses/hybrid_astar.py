@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses.base import Guess, NoGuess
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search
+from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions, SearchResult, search
 from drake_gnnocp.search.path import GearedPath, length_of, n_sections
 from drake_gnnocp.timing.speed_planner import FEWEST_INTERVALS, plan_speed
 from drake_gnnocp.trajectory import Trajectory
@@ -27,9 +27,15 @@ class HybridAStar:
 
     knots: int  # at least: a path of many gear changes gets more
     options: HybridAStarOptions = field(default_factory=HybridAStarOptions)
-    first_stage: int = 0  # see `search.hybrid_astar.search`
+    first_stage: int = 0  # see `search.hybrid_astar.search`, as for the next
+    last_stage: int = len(SCHEDULE)
     name: str = "hybrid_astar"
     proposes_many: bool = False
+
+    @property
+    def goes_to_the_end(self) -> bool:
+        """Whether all is searched that can be."""
+        return self.last_stage == len(SCHEDULE)
 
     def check_available(self) -> None:
         """Nothing is needed."""
@@ -37,7 +43,7 @@ class HybridAStar:
     def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
         """The path found, or why there is none."""
         begin = time.monotonic()
-        found = search(scenario, budget, self.options, self.first_stage)
+        found = search(scenario, budget, self.options, self.first_stage, self.last_stage)
         if found.path is None:
             why = budget.ended_before("it found a path") if budget.ended else _reason(found)
             yield NoGuess(self.name, why, time.monotonic() - begin, found.no_path)

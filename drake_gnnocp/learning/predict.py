@@ -12,7 +12,7 @@ took the solver half the iterations that linear interpolation took.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,6 +24,7 @@ from drake_gnnocp.learning.checkpoint import Network
 from drake_gnnocp.learning.ranking import rank_features
 from drake_gnnocp.learning.scene import (
     Scene,
+    goal_of,
     mirrored,
     out_of_frame,
     reversed_in_time,
@@ -73,6 +74,28 @@ def hypotheses(network: Network, scenario: Scenario) -> Iterator[Hypothesis]:
     for mirror, turn in VIEWS:
         others += _seen_from(network, scene, mirror=mirror, turn=turn)
     yield from _best_first(others)
+
+
+@torch.inference_mode()
+def first_looks(network: Network, scene_task: Scenario, tasks: Sequence[Scenario], n_knots: int) -> list[Trajectory]:
+    """The most promising of the likeliest hypotheses for each of several goals in one scene, in one pass.
+
+    Args:
+        network: ready for use.
+        scene_task: whose obstacles are looked at, near the origin.
+        tasks: (C,) with the same start and vehicle, of which the goals are looked at.
+        n_knots: of each trajectory.
+    """
+    one, n = scene_of(scene_task), len(tasks)
+    goals = torch.cat([goal_of(task) for task in tasks])
+    scene = Scene(one.edges.expand(n, -1, -1, -1), one.mask.expand(n, -1, -1), goals, one.vehicle.expand(n, -1))
+    prediction = network(scene, LIKELIEST)
+    features = rank_features(prediction.states, prediction.duration, prediction.score, scene)
+    best = network.ranking.promise(features).argmax(dim=1).tolist()
+    return [
+        interpolated(prediction.states[i, k].double().cpu().numpy(), float(prediction.duration[i, k]), task, n_knots)
+        for i, (k, task) in enumerate(zip(best, tasks, strict=True))
+    ]
 
 
 def _best_first(found: list[Hypothesis]) -> list[Hypothesis]:

@@ -124,14 +124,18 @@ def vehicle_row(vehicle: Vehicle) -> list[float]:
 def scene_of(scenario: Scenario) -> Scene:
     """One scenario as a batch of one scene, in the frame of its start."""
     edges, mask = vectors_of(scenario)
-    x, y, theta = scenario.start
     local = into_frame(torch.as_tensor(edges[None]), torch.as_tensor(scenario.start[None]))
+    vehicle = torch.tensor([vehicle_row(scenario.vehicle)])
+    return Scene(local.float(), torch.as_tensor(mask[None]), goal_of(scenario), vehicle.float())
+
+
+def goal_of(scenario: Scenario) -> Tensor:
+    """The goal of a scenario in the frame of its start: (1, 3) [m, m, rad]."""
+    x, y, theta = scenario.start
     dx, dy = scenario.goal[:2] - (x, y)
     cos, sin = math.cos(theta), math.sin(theta)
     turn = math.remainder(scenario.goal[2] - theta, 2 * math.pi)
-    goal = torch.tensor([[cos * dx + sin * dy, cos * dy - sin * dx, turn]])
-    vehicle = torch.tensor([vehicle_row(scenario.vehicle)])
-    return Scene(local.float(), torch.as_tensor(mask[None]), goal.float(), vehicle.float())
+    return torch.tensor([[cos * dx + sin * dy, cos * dy - sin * dx, turn]]).float()
 
 
 def into_frame(points: Tensor, frames: Tensor) -> Tensor:

@@ -1,4 +1,7 @@
-"""Bounds on the numbers of the knots: the vehicle's limits, the trust region, and both ends."""
+"""Bounds on the numbers of the knots: the vehicle's limits, the trust region, and both ends.
+
+Where the last pose is a variable, its place is bounded along and across the goal's heading: by linear rows.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ def trust_region(formulation: Formulation) -> Box | None:
     """
     if formulation.trust_region is None:
         return None
-    inner = np.arange(1, len(formulation.reference) - 1)
+    inner = np.arange(1, len(formulation.reference) - (formulation.target is None))
     poses, radius = formulation.reference.poses[inner], np.array(formulation.trust_region)
     return Box("trust region", inner, POSE, poses - radius, poses + radius)
 
@@ -39,6 +42,23 @@ def ends(formulation: Formulation) -> list[Box]:
     """Start and goal: the states asked for, with a = w = 0 (the paper's boundary conditions)."""
     boxes = []
     for name, knot, state in (("start", 0, formulation.start), ("goal", -1, formulation.goal)):
-        values = np.append(state, np.zeros(N_KNOT - N_STATES))[None]
-        boxes.append(Box(name, np.array([knot]), np.arange(N_KNOT), values, values))
+        lower = np.append(state, np.zeros(N_KNOT - N_STATES))[None]
+        upper = lower.copy()
+        if name == "goal" and formulation.target is not None:
+            half = np.array([np.inf, np.inf, formulation.target.half_sizes[2]])  # `end_place` has x and y
+            lower[:, POSE], upper[:, POSE] = lower[:, POSE] - half, upper[:, POSE] + half
+        boxes.append(Box(name, np.array([knot]), np.arange(N_KNOT), lower, upper))
     return boxes
+
+
+def end_place(formulation: Formulation) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """What bounds the last x and y where they are variables: lower <= matrix @ (x, y) <= upper; else None.
+
+    Returns:
+        The matrix (2, 2), lower (2,) and upper (2,) [m].
+    """
+    if formulation.target is None:
+        return None
+    axes, half = formulation.target.axes, formulation.target.half_sizes[:2]
+    middle = axes @ formulation.goal[:2]
+    return axes, middle - half, middle + half

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drake_gnnocp.ends import Target
 from drake_gnnocp.ocp.costs import CostWeights, Proximity, proximity
 from drake_gnnocp.ocp.obstacles import Obstacles
 from drake_gnnocp.scenario import Scenario
@@ -75,6 +76,7 @@ class Formulation:
     comfort: float = COMFORT  # m, clearance that a verified plan gets where that costs little
     lines: tuple[Line, ...] = ()
     minimum_time: bool = False  # whether the time step is a variable, with the weight on time
+    target: Target | None = None  # around the goal, where the last pose is a variable; None where it is the goal
 
     @property
     def step(self) -> float:
@@ -103,13 +105,14 @@ def formulate(
     """The problem of a scenario around a reference, with margins no larger than what start and goal allow.
 
     Args:
-        scenario: the task, near the origin.
+        scenario: the task with one goal, near the origin.
         reference: equally spaced knots, any quality.
         weights: of the cost.
         margin: clearance asked of obstacles at the knots [m].
         minimum_time: whether the duration is minimised; knots slide far along the path then, so that no trust region
             can be set around the reference.
     """
+    target = None if scenario.exact is scenario else scenario.targets[0]
     walls = bounding_walls(scenario.bounds if isinstance(scenario.bounds, tuple) else None)
     n, n_walls = len(scenario.convex_obstacles), len(walls)
     inside = np.full(n_walls, _distances_inside(scenario).min())
@@ -133,6 +136,7 @@ def formulate(
         trust_region=None if minimum_time else TRUST_REGION,
         comfort=0.0 if minimum_time else COMFORT,
         minimum_time=minimum_time,
+        target=target,
     )
 
 

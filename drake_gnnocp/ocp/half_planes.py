@@ -50,12 +50,14 @@ def half_planes(formulation: Formulation, poses: np.ndarray) -> list[RowBlock]:
 
     Args:
         formulation: the problem.
-        poses: (N, 3) of the knots; the first and the last are fixed and have no rows [m, m, rad].
+        poses: (N, 3) of the knots; ends that are fixed have no rows [m, m, rad].
     """
     vehicle = formulation.vehicle
     footprints = vehicle.footprints(poses)
     within = WITHIN + formulation.demand.clearance
-    pairs = formulation.obstacles.pairs_within(footprints, formulation.reference.t, within)
+    pairs = formulation.obstacles.pairs_within(
+        footprints, formulation.reference.t, within, with_last=formulation.target is not None
+    )
     if not len(pairs):
         return []
     planes = _chosen(pairs, footprints[pairs.knot], vehicle, within)

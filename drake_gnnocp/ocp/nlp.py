@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import Binding, Constraint, LinearEqualityConstraint, MathematicalProgram
 
-from drake_gnnocp.ocp.boxes import ends, limits, trust_region
+from drake_gnnocp.ocp.boxes import end_place, ends, limits, trust_region
 from drake_gnnocp.ocp.costs import CostTerm, cost_terms
 from drake_gnnocp.ocp.dynamics import INTEGRATED, POSE_ROWS, dynamics
 from drake_gnnocp.ocp.formulation import Formulation
@@ -71,6 +71,10 @@ def build(formulation: Formulation, state_scale: float = STATE_SCALE) -> Nlp:
     region = trust_region(formulation)
     for box in [limits(formulation), *([region] if region else []), *ends(formulation)]:
         _add_box(nlp, box)
+    if (place := end_place(formulation)) is not None:
+        matrix, lower, upper = place
+        rows = program.AddLinearConstraint(matrix * state_scale, lower, upper, knots[-1, :2])
+        rows.evaluator().set_description("place at the goal")
     if not formulation.minimum_time:
         _add_trapezoid_rule(nlp)
     _add_rows(nlp, dynamics(formulation, N_STATES if formulation.minimum_time else POSE_ROWS))

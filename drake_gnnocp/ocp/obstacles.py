@@ -78,17 +78,21 @@ class Obstacles:
         """What an obstacle covers from the first to the last of some times [s]: a convex ring (M, 2) [m]."""
         return self.ring(obstacle)
 
-    def pairs_within(self, footprints: np.ndarray, times: np.ndarray, distance: float) -> Pairs:
+    def pairs_within(
+        self, footprints: np.ndarray, times: np.ndarray, distance: float, with_last: bool = False
+    ) -> Pairs:
         """Pairs of a knot and an obstacle whose bounding boxes are nearer than a distance, by obstacle, then by knot.
 
         Of a knot with more than MOST_OF_A_KNOT such obstacles, the nearest.
 
         Args:
-            footprints: (N, 4, 2) of the car; the first and the last knot are fixed and in no pair [m].
+            footprints: (N, 4, 2) of the car; the first knot is fixed and in no pair [m].
             times: (N,) of the knots [s].
             distance: [m].
+            with_last: whether the last knot is in pairs: it need not be where it is fixed.
         """
-        low, high = footprints[1:-1].min(axis=1) - distance, footprints[1:-1].max(axis=1) + distance
+        footprints = footprints[1:] if with_last else footprints[1:-1]
+        low, high = footprints.min(axis=1) - distance, footprints.max(axis=1) + distance
         knot, obstacle = self._boxes.query(shapely.box(*low.T, *high.T))
         if np.bincount(knot, minlength=1).max() > MOST_OF_A_KNOT:
             corners = self.vertices[obstacle]

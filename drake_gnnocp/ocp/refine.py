@@ -94,6 +94,13 @@ class Refined:
         """Whether the best solve led to a plan."""
         return self.best is not None and self.solves[self.best].verification.verified
 
+    def followed_by(self, again: Refined, is_taken: bool) -> Refined:
+        """All solves of both, and the best of the second where that is taken, else that of the first."""
+        solves = self.solves + again.solves
+        if is_taken and again.best is not None:
+            return Refined(solves, len(self.solves) + again.best, again.reason)
+        return replace(self, solves=solves)
+
 
 def refine(
     scenario: Scenario,
@@ -222,9 +229,12 @@ def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formul
 
 def _aimed_goal(scenario: Scenario, formulation: Formulation, motion: DrivenMotion, found: Trajectory) -> np.ndarray:
     """The goal, or as far beside it as the driven motion ends to the other side."""
-    at = formulation.goal[: State.V]
+    at, end = formulation.goal[: State.V], motion.states[-1, : State.V]
     turns = 2 * np.pi * np.round((at[State.THETA] - scenario.goal[State.THETA]) / (2 * np.pi))
-    error = motion.states[-1, : State.V] - (scenario.goal + [0.0, 0.0, turns])
+    error = end - (scenario.goal + [0.0, 0.0, turns])
+    if formulation.target is not None:
+        beyond = formulation.target.excess(end)
+        error = np.append(beyond[:2] @ formulation.target.axes, beyond[2])
     if np.abs(error[:2]).max() <= POSITION_TOLERANCE / 2 and abs(error[2]) <= HEADING_TOLERANCE / 2:
         return formulation.goal
     return np.append(at - error, formulation.goal[State.V :])

@@ -4,7 +4,8 @@ With the knots z at hand, d the change of all of them, and the letters of the ot
 
     min   h sum of the cost terms' gradients and the convex part of their Hessians
           + h/2 sum rho |d state|^2  +  PENALTY h sum s
-    s.t.  linearised defects (Hermite-Simpson) = 0,        ends fixed,        v, phi, a, w within their limits,
+    s.t.  linearised defects (Hermite-Simpson) = 0,        v, phi, a, w within their limits,
+          ends fixed (the last pose within the tolerance of the goal, where there is one)
           value_i + gradient_i . d >= lower_i - s,  s >= 0          (half planes of near pairs)
 
 J1 has its exact Hessian here, which a limited-memory BFGS has to find out iteration by iteration. Only what keeps the
@@ -22,12 +23,12 @@ import numpy as np
 from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, SolverOptions
 
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.ocp.boxes import ends, limits
+from drake_gnnocp.ocp.boxes import MOTION, end_place, ends, limits
 from drake_gnnocp.ocp.costs import cost_terms, total_cost
 from drake_gnnocp.ocp.dynamics import dynamics
 from drake_gnnocp.ocp.formulation import Formulation
 from drake_gnnocp.ocp.half_planes import half_planes
-from drake_gnnocp.ocp.rows import N_KNOT, N_STATES, RowBlock
+from drake_gnnocp.ocp.rows import N_KNOT, N_STATES, THETA, RowBlock
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import State
 
@@ -148,7 +149,9 @@ class _StepProgram:
         self._program = MathematicalProgram()
         self._change = self._program.NewContinuousVariables(n_knots, N_KNOT, "d")
         self._slacks = np.zeros(0, dtype=object)
-        fixed = self._change[[0, -1]].ravel()
+        self._ends = ends(formulation)
+        is_free = formulation.target is not None
+        fixed = np.concatenate([self._change[0], self._change[-1, MOTION if is_free else slice(None)]])
         self._program.AddBoundingBoxConstraint(np.zeros(len(fixed)), np.zeros(len(fixed)), fixed)
         (self._dynamics,) = dynamics(formulation, N_STATES, n_knots - 1)
         self._equalities = []
@@ -177,10 +180,11 @@ class _StepProgram:
         return np.asarray(self._change[np.ix_(block.knots, block.knot_columns)].ravel())
 
     def first_iterate(self) -> _Iterate:
-        """The reference, from start to goal exactly."""
+        """The reference, from start to goal exactly; an end that may vary stays what it is there."""
         knots = self._formulation.knots
-        for box in ends(self._formulation):
-            knots[np.ix_(box.knots, box.knot_columns)] = box.lower
+        for box in self._ends:
+            which = np.ix_(box.knots, box.knot_columns)
+            knots[which] = knots[which].clip(box.lower, box.upper)
         return self.iterate(knots)
 
     def iterate(self, knots: np.ndarray) -> _Iterate:
@@ -201,7 +205,7 @@ class _StepProgram:
             return None
         self._set_dynamics(*iterate.dynamics)
         self._set_cost(iterate.knots, proximal)
-        added = self._limit_rows(iterate.knots) + self._soft_rows(iterate)
+        added = self._limit_rows(iterate.knots) + self._end_rows(iterate.knots[-1]) + self._soft_rows(iterate)
         result = self._solver.Solve(self._program, None, self._settings)
         for binding in added:
             self._program.RemoveConstraint(binding)
@@ -240,6 +244,18 @@ class _StepProgram:
             return []
         lower, upper = self._limits.lower[close] - values[close], self._limits.upper[close] - values[close]
         return [self._program.AddBoundingBoxConstraint(lower, upper, change[close])]
+
+    def _end_rows(self, end: np.ndarray) -> list[Binding]:
+        """Bounds on the change of the last knot (7,) where its pose is a variable."""
+        if (place := end_place(self._formulation)) is None:
+            return []
+        matrix, lower, upper = place
+        middle, goal, change = matrix @ end[:2], self._ends[-1], self._change[-1]
+        turn = np.array([goal.lower[0, THETA], goal.upper[0, THETA]]) - end[THETA]
+        return [
+            self._program.AddLinearConstraint(np.asfortranarray(matrix), lower - middle, upper - middle, change[:2]),
+            self._program.AddBoundingBoxConstraint(*turn, change[THETA]),
+        ]
 
     def _soft_rows(self, iterate: _Iterate) -> list[Binding]:
         groups = [len(block.lower) // block.group for block, _ in iterate.soft]

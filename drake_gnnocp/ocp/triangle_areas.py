@@ -89,7 +89,8 @@ def rows_near(formulation: Formulation) -> AreaRows:
         formulation.reference,
         formulation.rows_within + formulation.demand.clearance,
     )
-    pairs = formulation.obstacles.pairs_within(vehicle.footprints(reference.poses), reference.t, within)
+    footprints, with_last = vehicle.footprints(reference.poses), formulation.target is not None
+    pairs = formulation.obstacles.pairs_within(footprints, reference.t, within, with_last)
     of_car = _nearest_corners(pairs, vehicle, reference.poses, within)
     return of_car.joined(_nearest_vertices(pairs, vehicle, reference.poses, within))
 

@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.path import Path
 
 from drake_gnnocp.pictures import style
-from drake_gnnocp.pictures.scene import extent, readable_origin, relative_bounds, relative_poses
+from drake_gnnocp.pictures.scene import extent, goal_poses, readable_origin, relative_bounds, relative_poses
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.trajectory import Trajectory
@@ -50,7 +50,7 @@ def draw_map(
 
     Args:
         ax: axes to draw on; its limits, labels and legend (to the right of it) are set.
-        scenario: obstacles, bounds, start and goal.
+        scenario: obstacles, bounds, start and goals: the one that the plan ends at is solid, others are faint.
         trajectory: the optimised plan, None where nothing was found.
         guess: what the solver started from.
         title: written above the map.
@@ -76,7 +76,7 @@ def draw_map(
     if trajectory is not None:
         ax.plot(*_path(trajectory, origin), color=style.PLAN, linewidth=1.8, label=of_plan, zorder=5)
     _draw_car(ax, scenario.vehicle, relative_poses(scenario.start, origin), style.START, "start")
-    _draw_car(ax, scenario.vehicle, relative_poses(scenario.goal, origin), style.GOAL, "goal")
+    _draw_goals(ax, scenario, trajectory, origin)
     if fault is not None:
         _draw_fault(ax, fault, origin)
     if no_path is not None and no_path.place is not None:
@@ -172,7 +172,26 @@ def _draw_footprints(ax: Axes, vehicle: Vehicle, poses: np.ndarray) -> None:
     ax.add_collection(cars, autolim=False)
 
 
-def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: str) -> None:
+def _draw_goals(ax: Axes, scenario: Scenario, trajectory: Trajectory | None, origin: np.ndarray) -> None:
+    """All goals, faint those that a trajectory does not end at, and the box that a tolerance makes of each."""
+    poses, reached = goal_poses(scenario, trajectory)
+    poses, named = relative_poses(poses, origin), set[str]()
+    for i, (pose, target) in enumerate(zip(poses, scenario.targets, strict=True)):
+        name, color = ("goal", style.GOAL) if reached in (None, i) else ("other goals", style.FAINT_GOAL)
+        label = None if name in named else name
+        named.add(name)
+        if np.isnan(pose[2]):
+            look: dict[str, Any] = {"fill": False, "ec": color, "lw": 1.8, "zorder": 6, "label": label}
+            ax.add_patch(Circle(pose[:2], scenario.vehicle.width / 2, **look))
+        else:
+            _draw_car(ax, scenario.vehicle, pose, color, label)
+        half = target.half_sizes[:2]
+        if half.any():
+            corners = pose[:2] + (half * [[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ target.axes
+            ax.add_patch(Polygon(corners, fill=False, ec=color, lw=1.0, ls=":", zorder=6))
+
+
+def _draw_car(ax: Axes, vehicle: Vehicle, pose: np.ndarray, color: str, label: str | None) -> None:
     """The car's outline, with an arrow from the rear axle to the front bumper as its heading."""
     outline = vehicle.footprints(pose)[0]
     ax.add_patch(Polygon(outline, facecolor=(*to_rgb(color), 0.18), edgecolor=color, lw=1.8, label=label, zorder=6))

@@ -23,7 +23,7 @@ from drake_gnnocp.drake_log import drake_lines
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures.car_model import add_car, animate_car, place_car
 from drake_gnnocp.pictures.meshes import prism
-from drake_gnnocp.pictures.scene import extent, relative_bounds
+from drake_gnnocp.pictures.scene import extent, goal_poses, relative_bounds
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
@@ -50,6 +50,7 @@ WALL_EDGE = Rgba(0.2, 0.2, 0.2)
 PATH = Rgba(0.0, 0.45, 0.70)
 START = Rgba(0.0, 0.62, 0.45)
 GOAL = Rgba(0.80, 0.40, 0.65)
+FAINT_GOAL = Rgba(0.86, 0.76, 0.81)
 
 # The panel with the play button and the time slider opens beside the scene, not over it, without the long list of the
 # scene's parts. In windows narrower than the camera was set for, zooming out keeps the sides in view.
@@ -89,7 +90,10 @@ def save_replay(path: Path | str, scenario: Scenario, trajectory: Trajectory | N
     with _meshcat() as meshcat:
         _add_ground(meshcat, half_size)
         _add_obstacles(meshcat, scene)
-        for name, pose, color in (("start", scene.start, START), ("goal", scene.goal, GOAL)):
+        _add_outline(meshcat, "start", vehicle, scene.start, START)
+        poses, reached = goal_poses(scenario, trajectory)
+        for i, pose in enumerate((poses + (x, y, 0.0)) / (scene.unit, scene.unit, 1.0)):
+            name, color = ("goal", GOAL) if reached == i or len(poses) == 1 else (f"goals/{i}", FAINT_GOAL)
             _add_outline(meshcat, name, vehicle, pose, color)
         add_car(meshcat, vehicle)
         place_car(meshcat, scene.start)
@@ -163,7 +167,10 @@ def _add_obstacles(meshcat: Meshcat, scenario: Scenario) -> None:
 
 
 def _add_outline(meshcat: Meshcat, name: str, vehicle: Vehicle, pose: np.ndarray, color: Rgba) -> None:
-    """The car's rectangle on the ground, with an arrowhead at the front."""
+    """The car's rectangle on the ground, with an arrowhead at the front; a disc where its heading is free."""
+    if math.isnan(pose[2]):
+        _paint(meshcat, name, shapely.Point(pose[:2]).buffer(vehicle.width / 2), OUTLINE_HEIGHT, color)
+        return
     rear_right, front_right, front_left, rear_left = vehicle.footprints(pose)[0]
     car = shapely.Polygon([rear_right, front_right, front_left, rear_left])
     nose, back = (front_right + front_left) / 2, 0.2 * (rear_right - front_right)

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
+from drake_gnnocp.ends import nearest_target
 from drake_gnnocp.polygons import moved
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -37,6 +38,23 @@ def relative_poses(poses: np.ndarray, origin: np.ndarray) -> np.ndarray:
     return poses - np.append(origin, 0.0)
 
 
+def goal_poses(scenario: Scenario, trajectory: Trajectory | None) -> tuple[np.ndarray, int | None]:
+    """The goals as they are shown, and which of them a trajectory ends at or nearest to.
+
+    Returns:
+        (G, 3) poses; a free heading is that of the trajectory's end at the goal it ends at, and NaN at others. The
+        index is None without a trajectory.
+    """
+    poses = np.stack([target.pose for target in scenario.targets])
+    if trajectory is None or not np.isfinite(trajectory.poses[-1]).all():
+        return poses, None
+    end = trajectory.poses[-1]
+    reached = nearest_target(scenario.targets, end)
+    if np.isnan(poses[reached, 2]):
+        poses[reached, 2] = end[2]
+    return poses, reached
+
+
 def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin: np.ndarray) -> np.ndarray:
     """The box around all that is drawn.
 
@@ -46,7 +64,8 @@ def extent(scenario: Scenario, trajectories: Iterable[Trajectory | None], origin
     Returns:
         (2, 2) lower left and upper right corner relative to the origin [m].
     """
-    ends = scenario.vehicle.footprints(relative_poses(np.stack([scenario.start, scenario.goal]), origin))
+    poses = np.vstack([scenario.start, np.nan_to_num(goal_poses(scenario, None)[0])])
+    ends = scenario.vehicle.footprints(relative_poses(poses, origin))
     points = [ends.reshape(-1, 2), shapely.get_coordinates(scenario.shapes.all) - origin]
     if (bounds := relative_bounds(scenario, origin)) is not None:
         points.append(shapely.get_coordinates(bounds))

@@ -24,6 +24,7 @@ PLAN = "#0072B2"  # blue
 GUESS = "#D55E00"  # vermillion
 START = "#009E73"  # bluish green
 GOAL = "#CC79A7"  # reddish purple
+FAINT_GOAL = "#EBCFDE"  # a third of it: goals that are not reached
 SWEPT = "#56B4E9"  # sky blue: footprints along the plan
 LIMIT = "#000000"
 FAULT = "#C00000"  # dark red, beside the palette: what is wrong, and where it is blocked

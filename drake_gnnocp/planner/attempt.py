@@ -17,6 +17,7 @@ from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
 from drake_gnnocp.planner import many_shifts, minimum_time
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import PlanOptions
+from drake_gnnocp.planner.relaxed import relaxed
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.path import n_sections
 from drake_gnnocp.search.reachability import NoPath
@@ -43,6 +44,7 @@ class Attempt:
     cost: Cost | None = None  # None where nothing was solved
     reason: str = ""  # why it was given up; empty when verified
     no_path: NoPath | None = None  # where that is because there is no path
+    goal: int = 0  # index of the goal that it went for, see `Scenario.targets`
 
     @property
     def trajectory(self) -> Trajectory | None:
@@ -98,6 +100,7 @@ class Attempt:
         """The attempt in the keys of result.json."""
         return {
             "guess": self.source,
+            "goal": self.goal,
             "guess_seconds": self.guess_seconds,
             "build_seconds": self.build_seconds,
             "solve_seconds": self.solve_seconds,
@@ -132,7 +135,7 @@ def attempt(
     """Time a guess, optimise it, and verify what comes out.
 
     Args:
-        scenario: the task, near the origin.
+        scenario: the task with one goal, near the origin.
         guess: where to begin, or why there is nothing to begin with.
         horizon: how long the plan is to take.
         budget: to stop at.
@@ -156,14 +159,21 @@ def attempt(
     minimise = isinstance(horizon, MinimumTime)
     # SQP steps are for a duration: that comes first, and a quicker one after it
     free = minimise and steps is None and not closely
-    formulation = formulate(scenario, start, options.cost, options.margin, minimum_time=free)
+    exact = scenario.exact  # a tolerance at the goal comes in once there is a plan, or there is none
+    formulation = formulate(exact, start, options.cost, options.margin, minimum_time=free)
     if closely:
-        formulation, steps = many_shifts.kept_near(scenario, formulation), None
+        formulation, steps = many_shifts.kept_near(exact, formulation), None
     elif steps is None and options.sqp and not free:
         steps = sqp_steps(formulation, SEARCHED, budget)
-    refined = refine(scenario, formulation, budget, steps)
+    refined = refine(exact, formulation, budget, steps)
+    if exact is not scenario and not refined.verified and not budget.is_over:
+        again = refine(scenario, formulate(scenario, start, options.cost, options.margin, minimum_time=free), budget)
+        refined = refined.followed_by(again, again.verified or refined.best is None)
     if minimise:
-        refined = minimum_time.quicker(scenario, refined, options.cost, options.margin, budget)
+        for task in (exact, scenario) if exact is not scenario else (scenario,):
+            refined = minimum_time.quicker(task, refined, options.cost, options.margin, budget)
+    elif exact is not scenario:
+        refined = relaxed(scenario, refined, options.cost, options.margin, budget)
     made = Attempt(guess.source, seconds, start, reason=_found(guess) + refined.reason if refined.reason else "")
     if steps is not None and refined.solves:
         made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)

@@ -51,7 +51,7 @@ def quicker(scenario: Scenario, plan: Refined, weights: CostWeights, margin: flo
         again = refine(scenario, formulate(scenario, trajectory, weights, margin, minimum_time=True), budget)
         is_quicker = again.trajectory is not None and again.trajectory.duration < QUICKER * trajectory.duration
         is_taken = is_quicker and again.verified
-        plan = _joined(plan, again, is_taken)
+        plan = plan.followed_by(again, is_taken)
         if not is_taken:
             break
     return plan
@@ -75,7 +75,7 @@ def polished(scenario: Scenario, plan: Refined, weights: CostWeights, margin: fl
         formulation = formulate(scenario, trajectory, hurried, min(MARGIN, margin), minimum_time=True)
         again = refine(scenario, formulation, budget, settings=PATIENT)
         is_as_quick = again.trajectory is not None and again.trajectory.duration <= AS_QUICK * trajectory.duration
-        plan = _joined(plan, again, is_as_quick and again.verified)
+        plan = plan.followed_by(again, is_as_quick and again.verified)
     return plan
 
 
@@ -93,11 +93,3 @@ def worth_polishing(durations: Sequence[float]) -> list[int]:
         if not chosen or QUICKER * durations[i] > durations[chosen[-1]]:
             chosen.append(i)
     return [i for i in chosen if durations[i] <= OVERTAKING * durations[chosen[0]]][:CANDIDATES]
-
-
-def _joined(plan: Refined, again: Refined, is_taken: bool) -> Refined:
-    """All solves of both, and the best of the second where that is taken, else that of the first."""
-    solves = plan.solves + again.solves
-    if is_taken and again.best is not None:
-        return Refined(solves, len(plan.solves) + again.best, again.reason)
-    return replace(plan, solves=solves)

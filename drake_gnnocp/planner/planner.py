@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
@@ -14,17 +11,18 @@ from threading import RLock
 import numpy as np
 
 from drake_gnnocp.budget import Budget
+from drake_gnnocp.ends import nearest_target
 from drake_gnnocp.guesses import Given, GuessSource
 from drake_gnnocp.guesses.base import check_numbers
 from drake_gnnocp.guesses.straight import straight_line
-from drake_gnnocp.planner import minimum_time
-from drake_gnnocp.planner.attempt import Attempt, at_rest, polished
-from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime, horizon_of
-from drake_gnnocp.planner.options import SOURCES, PlanOptions, source_named
+from drake_gnnocp.planner.attempt import Attempt, at_rest
+from drake_gnnocp.planner.goals import Goals, has_choice
+from drake_gnnocp.planner.horizon import Fixed, Horizon, horizon_of
+from drake_gnnocp.planner.one_goal import attempts_of, reported
+from drake_gnnocp.planner.options import PlanOptions, source_named
 from drake_gnnocp.planner.result import Plan
 from drake_gnnocp.planner.schedule import Schedule
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.reachability import NoPath, no_passage, no_path
 from drake_gnnocp.trajectory import Trajectory
 
 SAME_POSE = 1e-3  # m and rad: start and goal that differ by less are the same
@@ -102,65 +100,44 @@ def budget_of(value: float | Budget) -> Budget:
 def _planned(
     scenario: Scenario, source: GuessSource | None, horizon: Horizon, budget: Budget, options: PlanOptions
 ) -> Plan:
-    if _is_same(scenario):
+    if (reached := _goal_at_start(scenario)) is not None:
         seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
-        return Plan(scenario, (at_rest(scenario, seconds, options),), 0, budget.spent)
+        standing = replace(at_rest(scenario, seconds, options), goal=reached)
+        return Plan(scenario, (standing,), 0, budget.spent)
     x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    schedule = Schedule(scenario.translated(-x0, -y0).in_car_lengths, horizon, budget, options)
+    near = scenario.translated(-x0, -y0).in_car_lengths
+    schedule = Schedule(near, horizon, budget, options)
+    several = Goals(scenario, source, horizon, budget, options) if has_choice(scenario) else None
     try:
-        attempts = _attempts(schedule, source)
+        attempts = attempts_of(schedule, source) if several is None else several.plan()
     except KeyboardInterrupt:
-        solved = [made for made in schedule.attempts if made.best is not None]
-        raise PlanInterrupted(_plan(scenario, schedule, solved) if solved else None) from None
+        begun = schedule.attempts if several is None else several.attempts
+        solved = [made for made in begun if made.best is not None]
+        raise PlanInterrupted(_plan(scenario, schedule, solved, several) if solved else None) from None
     except SystemExit as stop:  # Drake's way to refuse numbers that are not finite
         raise RuntimeError(f"Drake: {stop}") from stop
-    return _plan(scenario, schedule, attempts)
+    return _plan(scenario, schedule, attempts, several)
 
 
-def _is_same(scenario: Scenario) -> bool:
-    """Whether the car is at its goal already."""
-    change = scenario.goal - scenario.start
-    change[2] = math.remainder(change[2], 2 * math.pi)
-    return bool(np.abs(change).max() <= SAME_POSE)
+def _goal_at_start(scenario: Scenario) -> int | None:
+    """Index of a goal at which the car is already; None where there is none."""
+    beyond = [float(np.abs(target.excess(scenario.start)).max()) for target in scenario.targets]
+    return next((i for i, most in enumerate(beyond) if most <= SAME_POSE), None)
 
 
-def _attempts(schedule: Schedule, source: GuessSource | None) -> list[Attempt]:
-    """All that is tried with one source, or in the usual order, and proofs that there is no path."""
-    if refused := _refused(schedule, no_passage):
-        return refused
-    if source is None:
-        schedule.automatic()
-    else:
-        schedule.try_source(source)
-    attempts = _all_polished(schedule) if isinstance(schedule.horizon, MinimumTime) else schedule.attempts
-    is_settled = any(made.verified or (made.no_path and made.no_path.proven) for made in attempts)
-    if not is_settled and (exact := schedule.scenario.without_covers) is not None:
-        again = Schedule(exact, schedule.horizon, schedule.budget, schedule.options)
-        again.try_source(source or SOURCES["hybrid_astar"](schedule.options))
-        attempts = [made for made in attempts if made.no_path is None] + again.attempts
-    if not any(made.verified or made.no_path for made in attempts):
-        attempts += _refused(schedule, no_path)
-    return attempts
-
-
-def _refused(schedule: Schedule, prove: Callable[[Scenario], NoPath | None]) -> list[Attempt]:
-    """An attempt that says why there is no path, if that can be proven."""
-    begin = time.monotonic()
-    proof = None if schedule.budget.is_over else prove(schedule.scenario)
-    if proof is None:
-        return []
-    return [Attempt("reachability", time.monotonic() - begin, None, reason=proof.text, no_path=proof)]
-
-
-def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt]) -> Plan:
+def _plan(scenario: Scenario, schedule: Schedule, attempts: list[Attempt], several: Goals | None) -> Plan:
     """The plan that attempts near the origin led to, where the scenario is."""
     if all(made.start is None and made.no_path is None for made in attempts):  # the least there is to show
         line = straight_line(schedule.scenario, schedule.options.knots)
-        attempts.append(Attempt("straight", 0.0, line, reason="not solved: shown since there is no other guess"))
-    reported = _reported(attempts, schedule.horizon)
+        goal, reason = (
+            nearest_target(scenario.targets, scenario.goal),
+            "not solved: shown since there is no other guess",
+        )
+        attempts.append(Attempt("straight", 0.0, line, reason=reason, goal=goal))
+    best = reported(attempts, schedule.horizon) if several is None else several.reported(attempts)
     x0, y0, _ = scenario.start
     moved = tuple(made.placed(float(x0), float(y0), schedule.scenario.unit) for made in attempts)
-    return Plan(scenario, moved, reported, schedule.budget.spent, schedule.budget.ended)
+    return Plan(scenario, moved, best, schedule.budget.spent, schedule.budget.ended)
 
 
 def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: PlanOptions) -> GuessSource | None:
@@ -176,34 +153,3 @@ def _source(scenario: Scenario, guess: str | GuessSource | Trajectory, options: 
         raise ValueError(f"guess: must be a name, a source or a trajectory, not {shown(guess)}")
     guess.check_available()
     return guess
-
-
-def _all_polished(schedule: Schedule) -> list[Attempt]:
-    """The attempts, the quickest of their plans polished as long as there is time."""
-    attempts = list(schedule.attempts)
-    verified = [i for i, made in enumerate(attempts) if made.verified]
-    for which in minimum_time.worth_polishing([_duration(attempts[i]) for i in verified]):
-        i = verified[which]
-        attempts[i] = polished(schedule.scenario, attempts[i], schedule.budget, schedule.options)
-    return attempts
-
-
-def _duration(made: Attempt) -> float:
-    return made.trajectory.duration if made.trajectory is not None else float("inf")
-
-
-def _reported(attempts: list[Attempt], horizon: Horizon) -> int:
-    """Index of the best of what was solved (the quickest, where time is minimised), else the last that has a guess.
-
-    Where none is verified and there is no path, it is the attempt that says so.
-    """
-    solved = [i for i, made in enumerate(attempts) if made.best is not None]
-    verified = [i for i in solved if attempts[i].verified]
-    if verified and isinstance(horizon, MinimumTime):
-        return min(verified, key=lambda i: _duration(attempts[i]))
-    without_path = [i for i, made in enumerate(attempts) if made.no_path is not None]
-    if without_path and not verified:
-        return without_path[-1]
-    if solved:
-        return min(solved, key=lambda i: attempts[i].solves[attempts[i].best or 0].merit)
-    return max(i for i, made in enumerate(attempts) if made.start is not None)

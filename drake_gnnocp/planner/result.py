@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.reachability import NoPath
 from drake_gnnocp.timing.at_rate import at_rate
 from drake_gnnocp.trajectory import Trajectory
+from drake_gnnocp.vehicle import State
 from drake_gnnocp.verification import Finding, Verification, verify
 
 FILES = ("scenario.json", "trajectory.csv", "guess.csv", "result.json")  # of a plan
@@ -88,6 +90,21 @@ class Plan:
         return self.attempt.no_path
 
     @property
+    def goal_reached(self) -> int | None:
+        """Index of the goal that the plan leads to (see `Scenario.targets`); None where it is not verified."""
+        return self.attempt.goal if self.verified else None
+
+    @property
+    def _end_text(self) -> str:
+        """Which goal was reached, and how the car stands there, where there was a choice."""
+        goal, trajectory = self.goal_reached, self.trajectory
+        if not self.scenario.goals or goal is None or trajectory is None:
+            return ""
+        heading = math.degrees(math.remainder(trajectory.poses[-1, State.THETA], 2 * math.pi))
+        free = f" with the heading {heading:.0f} degrees" if self.scenario.targets[goal].is_free else ""
+        return f"; reaches {self.scenario.name_of_goal(goal)}{free}"
+
+    @property
     def reason(self) -> str:
         """Why the plan that is reported is not verified; empty where it is."""
         return self.attempt.reason
@@ -99,17 +116,22 @@ class Plan:
             proven = "proven" if self.no_path.proven else "not proven"
             return f"{self.scenario.name}: no path ({proven}) in {self.total_seconds:.2f} s: {self.no_path.text}"
         if self.guess_source == AT_REST:
-            return f"{self.scenario.name}: {self.status}: start and goal are the same: nothing to drive"
+            return f"{self.scenario.name}: {self.status}: start and goal are the same: nothing to drive{self._end_text}"
         iterations = sum(attempt.iterations for attempt in self.attempts)
         line = f"{self.scenario.name}: {self.status} in {self.total_seconds:.2f} s (guess {self.guess_source}"
         line += f", {counted(iterations, 'iteration')}, {counted(len(self.attempts), 'attempt')})"
         if self.trajectory is not None and self.cost is not None and self.verification is not None:
             clearance = self.verification.clearance_text
-            line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, {clearance}"
+            line += f"; {self.trajectory.duration:.1f} s long, cost {self.cost.J:.2f}, {clearance}{self._end_text}"
         if self.budget_ended:
             line += "; the budget ended before all was tried"
-        reasons = [f"  {attempt.source}: {attempt.reason}" for attempt in self.attempts if attempt.reason]
+        reasons = [f"  {self._label(attempt)}: {attempt.reason}" for attempt in self.attempts if attempt.reason]
         return "\n".join([line, *reasons])
+
+    def _label(self, attempt: Attempt) -> str:
+        """The source of an attempt's guess, and where there are several goals the one it went for."""
+        several = len(self.scenario.goals) > 1
+        return f"{attempt.source} to {self.scenario.name_of_goal(attempt.goal)}" if several else attempt.source
 
     def __repr__(self) -> str:
         return f"<Plan {self.summary}>"
@@ -148,6 +170,7 @@ class Plan:
             "guess": self.guess_source,
             "total_seconds": self.total_seconds,
             "budget_ended": self.budget_ended,
+            "goal_reached": self.goal_reached,
             "t_final": None if self.trajectory is None else self.trajectory.duration,
             "cost": None if self.cost is None else self.cost.to_dict(),
             "no_path": None if self.no_path is None else self.no_path.to_dict(),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 from drake_gnnocp.budget import Budget
@@ -24,6 +24,7 @@ from drake_gnnocp.planner.options import SOURCES, PlanOptions
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, direct
 from drake_gnnocp.search.moves import Costs
+from drake_gnnocp.search.reachability import NoPath
 
 logger = logging.getLogger(__name__)
 
@@ -44,10 +45,17 @@ class Schedule:
     horizon: Horizon
     budget: Budget
     options: PlanOptions
+    goal: int = 0  # index of the scenario's goal among all there are
     attempts: list[Attempt] = field(default_factory=list)
 
     def automatic(self) -> None:
         """A move shorter than the car where there is one, the network's best hypothesis, then Hybrid A*."""
+        self.quick()
+        if self._may_go_on:
+            self.try_source(SOURCES["hybrid_astar"](self.options))
+
+    def quick(self) -> None:
+        """What `automatic` tries before it searches."""
         if (path := direct(self.scenario, self.options.search)) is not None:
             self._try(Guess("reeds_shepp", timed(path, self.scenario.vehicle, self.options.knots), path=path))
             if not self._may_go_on:
@@ -62,8 +70,6 @@ class Schedule:
                 self._try(NoGuess(network.name, FAR))
             else:
                 self._try_hypotheses(network, only_best=True)
-        if self._may_go_on:
-            self.try_source(SOURCES["hybrid_astar"](self.options))
 
     def try_source(self, source: GuessSource) -> None:
         """The guesses of one source, by the way in which it makes them."""
@@ -80,13 +86,24 @@ class Schedule:
             self._try(NoGuess(source.name, NO_GUESSES))
 
     @property
-    def _is_verified(self) -> bool:
+    def is_verified(self) -> bool:
+        """Whether there is a verified plan."""
         return any(made.verified for made in self.attempts)
+
+    def refuse(self, prove: Callable[[Scenario], NoPath | None]) -> bool:
+        """Add an attempt that says why there is no path, if that can be proven; whether it can."""
+        begin = time.monotonic()
+        proof = None if self.budget.is_over else prove(self.scenario)
+        if proof is not None:
+            seconds = time.monotonic() - begin
+            made = Attempt("reachability", seconds, None, reason=proof.text, no_path=proof, goal=self.goal)
+            self.attempts.append(made)
+        return proof is not None
 
     @property
     def _is_done(self) -> bool:
         """Whether there is no reason, or no leave, for another attempt."""
-        if self._is_verified and not isinstance(self.horizon, MinimumTime):
+        if self.is_verified and not isinstance(self.horizon, MinimumTime):
             return True
         return self.options.most_attempts is not None and len(self.attempts) >= self.options.most_attempts
 
@@ -97,6 +114,7 @@ class Schedule:
 
     def _try(self, guess: Guess | NoGuess, steps: SqpSteps | None = None, closely: bool | None = None) -> Attempt:
         made = attempt(self.scenario, guess, self.horizon, self.budget, self.options, steps, closely)
+        made = replace(made, goal=self.goal)
         logger.info("%s: %s", made.source, made.reason or "verified")
         self.attempts.append(made)
         return made
@@ -106,7 +124,7 @@ class Schedule:
         if isinstance(guess, NoGuess) or guess.path is None:
             self._try(guess)
             gave_up = isinstance(guess, NoGuess) and guess.no_path is None
-            if gave_up and isinstance(source, HybridAStar) and self._may_go_on:
+            if gave_up and isinstance(source, HybridAStar) and source.goes_to_the_end and self._may_go_on:
                 straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
                 self._try(self._first(straight))
             return
@@ -115,7 +133,7 @@ class Schedule:
             return
         if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
             self._try_other_searches()
-        if not self._is_verified and not many_shifts.has_many(guess) and self._may_go_on:
+        if not self.is_verified and not many_shifts.has_many(guess) and self._may_go_on:
             self._try(replace(guess, seconds=0.0), closely=True)
 
     def _try_other_searches(self) -> None:
@@ -176,7 +194,7 @@ def screened(
     for guess in source.guesses(scenario, budget):
         if not options.sqp or isinstance(guess, NoGuess) or taken >= most_steps or budget.is_over:
             break
-        formulation = formulate(scenario, guess.trajectory, options.cost, options.margin)
+        formulation = formulate(scenario.exact, guess.trajectory, options.cost, options.margin)
         steps = sqp_steps(formulation, LEARNED, budget)
         taken += steps.steps
         if steps.converged:

@@ -103,7 +103,11 @@ DEFAULT_OPTIONS = HybridAStarOptions()
 
 
 def search(
-    scenario: Scenario, budget: Budget, options: HybridAStarOptions = DEFAULT_OPTIONS, first_stage: int = 0
+    scenario: Scenario,
+    budget: Budget,
+    options: HybridAStarOptions = DEFAULT_OPTIONS,
+    first_stage: int = 0,
+    last_stage: int = len(SCHEDULE),
 ) -> SearchResult:
     """Find a path with gears from the scenario's start to its goal.
 
@@ -115,6 +119,7 @@ def search(
         budget: when it is over, the search gives up.
         options: resolutions and costs.
         first_stage: index into `SCHEDULE`; later stages look more finely and find other paths.
+        last_stage: index after that of the last one.
     """
     if budget.is_over:
         return SearchResult(None, "out of time", 0)
@@ -122,7 +127,7 @@ def search(
     arenas = [_Arena(scenario, region, cells, options, budget) for region, cells in regions]
     if arenas[0].encloses_an_end:
         arenas = []
-    stages, expansions = list(SCHEDULE[first_stage:]), 0
+    stages, expansions = list(SCHEDULE[first_stage:last_stage]), 0
     for number, stage in enumerate(stages):
         run = None
         for arena in arenas:
@@ -210,7 +215,7 @@ class _Arena:
     def _field(self) -> DistanceField:
         # where the budget ends it, the field is incomplete, and the search ends before it looks there
         rings = takewhile(lambda _: not self._budget.is_over, self._scenario.convex_obstacles)
-        return _distance_field(
+        return distance_field(
             rings,
             self._scenario.vehicle,
             self._region,
@@ -271,9 +276,10 @@ class _Arena:
         return self._region, self._scenario.vehicle.turning_radius, self._options.costs
 
 
-def _distance_field(
+def distance_field(
     rings: Iterable[np.ndarray], vehicle: Vehicle, region: Box, most_cells: int, margin: float
 ) -> DistanceField:
+    """Distances to convex rings over a region, as coarse as makes it no more than so many cells; margin [m]."""
     cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / most_cells))
     cut_off = vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
     return DistanceField.of(rings, region, cell, cut_off)

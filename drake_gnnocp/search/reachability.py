@@ -15,6 +15,9 @@ no path if start and goal are in different connected components. Two families of
 
 Everything errs to the free side: arcs are inscribed polygons, bodies are smaller by more than a verified plan may leave
 the bounds by, ends are met within more than it may miss them by. Therefore what is separated here is separated.
+A goal with a tolerance is met within as much more; where its heading is free, at all headings, by whatever is as near
+the rear axle as c is.
+
 Components may also be joined without there being a path: then nothing is said.
 
 The widest way, by bisection over smaller discs, tells how wide the passage is that is too narrow, and where.
@@ -110,7 +113,14 @@ class _Task:
         ends = np.stack([scenario.start, scenario.goal])
         self.headings = ends[:, 2]
         self.middles = ends[:, :2] + ahead * np.column_stack([np.cos(self.headings), np.sin(self.headings)])
-        self.slack = POSITION_SLACK + abs(ahead) * HEADING_SLACK
+        target, slack = scenario.targets[0], POSITION_SLACK + abs(ahead) * HEADING_SLACK
+        x, y, turn = target.half_sizes.tolist()
+        if target.is_free:
+            self.middles[1] = ends[1, :2]
+        allowed = math.hypot(x, y) + abs(ahead) * (1.0 if target.is_free else min(turn, 2.0))
+        self.allowed = np.array([0.0, allowed])  # m, of both ends: what a tolerance grants
+        self.slack = slack + self.allowed  # m, within which the ends are met
+        self.turns = HEADING_SLACK + np.array([0.0, turn])  # rad, likewise
         self.reach = 0.5 * math.hypot(vehicle.length, vehicle.width)
         half_length, half_width = 0.5 * vehicle.length - HAIR, 0.5 * vehicle.width - HAIR
         self.radius = max(min(half_length, half_width), 0.0)  # m, of the disc in the footprint
@@ -134,7 +144,7 @@ class _Task:
     def ways(self) -> np.ndarray:
         """The components of the disc's free space that hold both ends."""
         free = self.free_of_disc(self.radius)
-        start, goal = (_at(free, middle, self.slack) for middle in self.middles)
+        start, goal = (_at(free, *end) for end in zip(self.middles, self.slack, strict=True))
         return free[sorted(set(start) & set(goal))]
 
     def free_of_disc(self, radius: float) -> np.ndarray:
@@ -199,7 +209,7 @@ def _too_narrow(task: _Task) -> NoPath:
 
     def joined(r: float) -> shapely.Geometry | None:
         free = task.free_of_disc(r)
-        start, goal = (_at(free, middle, 0.0) for middle in task.middles)
+        start, goal = (_at(free, *end) for end in zip(task.middles, task.allowed, strict=True))
         return next((free[i] for i in start if i in goal), None)
 
     passes, blocked = SMALLEST_SHARE * task.radius, task.radius
@@ -223,8 +233,9 @@ def _too_narrow(task: _Task) -> NoPath:
 def _enclosed(task: _Task, radius: float) -> str:
     free = task.free_of_disc(radius)
     rim = shapely.union_all([shapely.boundary(task._room(radius, radius))])
-    for name, middle in (("goal", task.middles[1]), ("start", task.middles[0])):
-        if not any(shapely.dwithin(free[i], rim, HAIR) for i in _at(free, middle, 0.0)):
+    for name, i in (("goal", 1), ("start", 0)):
+        around = _at(free, task.middles[i], task.allowed[i])
+        if not any(shapely.dwithin(free[k], rim, HAIR) for k in around):
             return f"the {name} is enclosed on all sides"
     return "obstacles separate the goal from the start"
 
@@ -232,7 +243,7 @@ def _enclosed(task: _Task, radius: float) -> str:
 def _neck(way: shapely.Geometry, task: _Task, passes: float, blocked: float) -> tuple[float, float] | None:
     """A point in the passage that is open for one disc and blocked for one a little larger."""
     free = task.free_of_disc(blocked)
-    sides = [shapely.union_all(free[_at(free, middle, 0.0)]) for middle in task.middles]
+    sides = [shapely.union_all(free[_at(free, *end)]) for end in zip(task.middles, task.allowed, strict=True)]
     near = [shapely.buffer(side, 4.0 * (blocked - passes)) for side in sides]
     necks = shapely.get_parts(shapely.difference(way, shapely.union_all(near)))
     ends = [shapely.dwithin(necks, side, 1e-6) for side in near]
@@ -255,9 +266,9 @@ def _no_way_in_headings(task: _Task, rings: list[np.ndarray], intervals: int) ->
 
     def nodes_of(which: int) -> set[tuple[int, int]]:
         position = task.headings[which] / (2 * math.pi) * intervals
-        beyond = HEADING_SLACK / (2 * math.pi) * intervals
-        at = {round(position - beyond) % intervals, round(position + beyond) % intervals}
-        return {(k, i) for k in at for i in _at(layer(k), task.middles[which], task.slack)}
+        beyond = min(task.turns[which], math.pi) / (2 * math.pi) * intervals
+        at = {k % intervals for k in range(round(position - beyond), round(position + beyond) + 1)}
+        return {(k, i) for k in at for i in _at(layer(k), task.middles[which], float(task.slack[which]))}
 
     def reached(roots: set[tuple[int, int]], targets: set[tuple[int, int]]) -> set[tuple[int, int]]:
         seen, queue = set(roots), sorted(roots)

@@ -13,14 +13,19 @@ DETOUR = 30.0  # m, around the box of start and goal: the surroundings, searched
 LONGEST_DETOUR = 500.0  # m, no search goes further than this from that box, whatever bounds and obstacles say
 
 
-def search_regions(scenario: Scenario) -> list[Box]:
+def search_regions(scenario: Scenario, goals: np.ndarray | None = None) -> list[Box]:
     """The rectangles that are searched in turn, each xmin, xmax, ymin, ymax [m].
 
     The first is the surroundings of start and goal, which a far obstacle does not enlarge. Where the whole map is
     larger, it is the second: the box around all obstacles and ends with room for the car to turn, within the bounds.
+
+    Args:
+        scenario: the task.
+        goals: (G, 3) poses in the place of its goal [m, m, rad].
     """
     vehicle = scenario.vehicle
-    ends = vehicle.footprints(np.stack([scenario.start, scenario.goal])).reshape(-1, 2)
+    goals = scenario.goal[None] if goals is None else goals
+    ends = vehicle.footprints(np.vstack([scenario.start, goals])).reshape(-1, 2)
     everything = np.concatenate([ends, shapely.get_coordinates(scenario.polygons)])
     room = max(ROOM, 2.0 * vehicle.turning_radius + vehicle.length)
     low, high = everything.min(axis=0) - room, everything.max(axis=0) + room

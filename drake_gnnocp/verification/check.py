@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
+from drake_gnnocp.ends import COORDINATE_TOLERANCE, Target, nearest_target
+from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State, Vehicle
@@ -46,11 +47,12 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
     if motion is None:
         nan = math.nan
         return Verification(False, 0.0, nan, nan, nan, False, False, False, False, False)
+    target = scenario.targets[nearest_target(scenario.targets, motion.states[-1, : State.V])]
     gap = np.linalg.norm(motion.states[motion.knots, : State.THETA] - trajectory.states[:, : State.THETA], axis=1)
-    kept = proven_clearances(scenario, motion)
+    kept = proven_clearances(scenario, motion, target)
     contact, inside, asked, proof = clearances = _clearances(kept)
     limits, ends = _limits(scenario.vehicle, motion, trajectory), _at_rest(scenario, motion, trajectory)
-    goal = _goal_errors(scenario, motion)
+    goal = _goal_errors(target, motion)
     return Verification(
         collision_free=contact.ok,
         min_clearance_m=max(kept.obstacles.proven, 0.0) if contact.ok else 0.0,
@@ -65,7 +67,7 @@ def verify(scenario: Scenario, trajectory: Trajectory) -> Verification:
         findings=(
             *(finding for finding in clearances if finding.found != NOTHING),
             *limits,
-            *_at_goal(motion, *goal),
+            *_at_goal(target, motion, *goal),
             *ends,
         ),
     )
@@ -130,17 +132,23 @@ def _limits(vehicle: Vehicle, motion: Motion, trajectory: Trajectory) -> list[Fi
     return found
 
 
-def _goal_errors(scenario: Scenario, motion: Motion) -> tuple[float, float]:
-    """How far the motion may end beside the goal, in x or y [m] and in its heading [rad]."""
-    x, y, heading = np.abs(motion.states[-1, : State.V] - scenario.goal)
-    position = float(max(x, y) + motion.errors[-1])
-    return position, abs(math.remainder(heading, 2 * math.pi)) + motion.heading_error
+def _goal_errors(target: Target, motion: Motion) -> tuple[float, float]:
+    """How far the motion may end beside the goal, beyond its tolerance: in x or y [m] and in the heading [rad]."""
+    beyond, errors = np.abs(target.offset(motion.states[-1, : State.V])) - target.half_sizes, motion.errors[-1]
+    position = max(float(beyond[:2].max() + errors), 0.0)
+    return position, max(float(beyond[2]) + motion.heading_error, 0.0)
 
 
-def _at_goal(motion: Motion, position: float, heading: float) -> list[Finding]:
-    place, degrees = _sample(motion, -1), math.degrees
-    texts = (f"at most {POSITION_TOLERANCE} m", f"{position:.4f} m")
+def _at_goal(target: Target, motion: Motion, position: float, heading: float) -> list[Finding]:
+    """On the end's place and heading; what is beyond the scenario's tolerance may be as much as without one."""
+    place, degrees, (x, y, turn) = _sample(motion, -1), math.degrees, target.half_sizes
+    beyond = f" beyond {x:g} and {y:g} m" if x or y else ""
+    texts = (f"at most {POSITION_TOLERANCE} m{beyond}", f"{position:.4f} m")
     in_degrees = (f"at most {degrees(HEADING_TOLERANCE):g} degrees", f"{degrees(heading):.3f} degrees")
+    if target.is_free:
+        in_degrees = ("any", f"{degrees(motion.states[-1, State.THETA]):.3f} degrees")
+    elif turn:
+        in_degrees = (f"{in_degrees[0]} beyond {degrees(turn):g}", in_degrees[1])
     return [
         Finding("x and y at the goal", *texts, position <= POSITION_TOLERANCE, off_goal(position), *place),
         Finding("heading at the goal", *in_degrees, heading <= HEADING_TOLERANCE, off_heading(heading), *place),

@@ -11,7 +11,8 @@ looked at, which is quick for large polygons as well. Likewise it leaves no fenc
 
 What a scenario asks for holds at all times, except that near the start and the goal no more is asked than what the car
 has there, to obstacles and bounds. The zone of an end is a disc: a stretch of time is inside when both its instants
-are, further than the bulge. A stretch that is not is asked for the larger demand.
+are, further than the bulge. A stretch that is not is asked for the larger demand. The car at the goal is the car at the
+pose that is given, whatever the tolerance; where the heading is free, it is the car in the heading that leaves most.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from drake_gnnocp.scenario import COORDINATE_TOLERANCE, Scenario
+from drake_gnnocp.ends import COORDINATE_TOLERANCE, Target, poses_around
+from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.verification.motion import Motion
 
 LOOK_EVERY = 16  # footprints, whose clearance tells which of the others can have less
@@ -71,14 +73,16 @@ class Look(NamedTuple):
 class Surroundings:
     """The exact outlines and the bounds of a scenario, and the clearance to them that is asked for."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, goal: Target | None = None) -> None:
+        goal = goal or scenario.targets[0]
         self.vehicle = scenario.vehicle
         self.outlines, self.fence = scenario.shapes.outlines, scenario.shapes.fence_line
         self.low, self.high = np.reshape(scenario.box or (-math.inf, math.inf) * 2, (2, 2)).T
-        ends = np.stack([scenario.start, scenario.goal])
-        self.ends, self.asked = ends[:, :2], scenario.clearance
+        self.ends, self.asked = np.stack([scenario.start, goal.pose])[:, :2], scenario.clearance
         if self.asked > 0:
-            self.asked_at_ends = np.minimum(np.minimum(*self.distances(self.vehicle.footprints(ends))), self.asked)
+            at_goal = poses_around(goal.pose[:2]) if goal.is_free else goal.pose
+            room = (np.minimum(*self.distances(self.vehicle.footprints(poses))) for poses in (scenario.start, at_goal))
+            self.asked_at_ends = np.minimum([float(found.max()) for found in room], self.asked)
 
     def to_obstacles(self, shapes: np.ndarray) -> np.ndarray:
         """Distances of shapes (N,) to the nearest outline: (N,) [m]."""
@@ -131,17 +135,18 @@ class Surroundings:
         return np.asarray(shapely.shortest_line(shapely.Polygon(footprint), nearest).coords)[0]
 
 
-def proven_clearances(scenario: Scenario, motion: Motion) -> Clearances:
+def proven_clearances(scenario: Scenario, motion: Motion, goal: Target | None = None) -> Clearances:
     """The least clearances at all times.
 
     Args:
         scenario: supplies the exact polygons, the bounds, the vehicle and the clearance that is asked for.
         motion: of the car.
+        goal: that the motion ends at; None: the first.
 
     Returns:
         What is proven may be negative where nothing is.
     """
-    around = Surroundings(scenario)
+    around = Surroundings(scenario, goal)
     begin, end = motion.t[[0, -1]]
     times = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FIRST)))[None]  # (S, C): stretches, cut
     least, proven, at = np.full(3, math.inf), np.full(3, math.inf), np.full(3, begin)
