@@ -35,7 +35,6 @@ from drake_gnnocp.vehicle import Vehicle
 Box = tuple[float, float, float, float]  # xmin, xmax, ymin, ymax [m]
 
 BOUNDS_TOLERANCE = 1e-9  # m: a car that starts exactly on the bounds is inside, whatever the rounding
-SPARSE = 8  # every so many poses of a path are tested first
 FEW_PARTS = 40  # all of which are compared with every pose; more are looked up in an index
 MOST_NUMBERS = 2_000_000  # in an array: more poses are tested in parts
 COARSEST_SPACING = 0.2  # m, between tested poses
@@ -100,14 +99,7 @@ class FootprintTest:
             hit[unsure] = self._touches_part(x[unsure], y[unsure], cos[unsure], sin[unsure], margin[unsure])
         return hit
 
-    def first_free(self, paths: Sequence[np.ndarray]) -> int | None:
-        """Index of the first of some paths, (N_i, 3) poses each, that has no colliding pose; None where all have."""
-        sparse = self._have_hits([poses[::SPARSE] for poses in paths])  # which tells for most that collide
-        maybe = np.flatnonzero(~sparse).tolist()
-        hits = self._have_hits([paths[i] for i in maybe])
-        return next((i for i, hit in zip(maybe, hits, strict=True) if not hit), None)
-
-    def _have_hits(self, paths: Sequence[np.ndarray]) -> np.ndarray:
+    def have_hits(self, paths: Sequence[np.ndarray]) -> np.ndarray:
         """Which paths (N_i, 3) have a colliding pose: bool."""
         if not paths:
             return np.zeros(0, dtype=bool)

@@ -11,6 +11,7 @@ from drake_gnnocp.search.collision import FootprintTest
 from drake_gnnocp.search.moves import Move, length_of, poses_along
 from drake_gnnocp.search.reeds_shepp import all_paths
 
+SPARSE = 1.0  # m, spacing of the poses that are tested first, which tell of most paths that collide
 MOST_POSES = 500_000  # along a path that is tested: longer ones, of many kilometres, are not looked at
 
 
@@ -46,5 +47,8 @@ def connect(
         if cost < dearest and length_of(moves) < MOST_POSES * test.spacing:
             bisect.insort(choices, (cost, len(choices), moves))
     del choices[candidates:]
-    free = test.first_free([poses_along(start, moves, test.spacing).poses for _, _, moves in choices])
-    return None if free is None else (choices[free][0], choices[free][2])
+    sparse = [poses_along(start, moves, max(SPARSE, test.spacing)).poses for _, _, moves in choices]
+    for (cost, _, moves), collides in zip(choices, test.have_hits(sparse), strict=True):
+        if not collides and not test.collides(poses_along(start, moves, test.spacing).poses).any():
+            return cost, moves
+    return None

@@ -19,7 +19,8 @@ import shapely
 
 from drake_gnnocp.polygons import polygons_from
 
-CELLS_PER_EDGE = 10  # a cell is looked up in a tenth of the time in which an edge is drawn into the field
+LOOK_UP = 200  # squared distances to edges are computed in the time in which the nearest ring of a point is looked up
+MOST_NUMBERS = 100_000  # in an array: more are computed in parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,14 @@ class DistanceField:
         shape = (max(1, math.ceil((xmax - xmin) / cell)), max(1, math.ceil((ymax - ymin) / cell)))
         field = cls(xmin, ymin, cell, cut_off, np.full(shape, cut_off**2))
         rings = list(convex_rings)
-        if sum(map(len, rings)) * CELLS_PER_EDGE > field.values.size:
+        if not rings:
+            return replace(field, values=np.full(shape, cut_off))
+        ends = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+        windows = field._windows(ends.min(axis=1), ends.max(axis=1), cut_off)
+        if windows[1].prod(axis=1).sum() > LOOK_UP * field.values.size:
             return field._of_many(rings)
-        for ring in rings:
-            field._stamp(ring)
+        field._draw_edges(ends, *windows)
+        field._fill(rings)
         np.sqrt(field.values, out=field.values)
         return field
 
@@ -84,30 +89,59 @@ class DistanceField:
         j = ((y - self.ymin) * (1 / self.cell)).astype(np.intp)
         return np.minimum(np.maximum(i, 0), nx - 1) * ny + np.minimum(np.maximum(j, 0), ny - 1)
 
-    def _stamp(self, ring: np.ndarray) -> None:
-        """Lower the squared distances around one convex ring."""
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            window, px, py = self._window(np.minimum(a, b), np.maximum(a, b), self.cut_off)
-            ex, ey = b - a
-            u = np.clip(((px - a[0]) * ex + (py - a[1]) * ey) / (ex * ex + ey * ey), 0.0, 1.0)
-            squared = (px - (a[0] + u * ex)) ** 2 + (py - (a[1] + u * ey)) ** 2
-            np.minimum(self.values[window], squared, out=self.values[window])
-        window, px, py = self._window(ring.min(axis=0), ring.max(axis=0), 0.0)
-        inside = np.ones(np.broadcast_shapes(px.shape, py.shape), dtype=bool)
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            inside &= (b[0] - a[0]) * (py - a[1]) >= (b[1] - a[1]) * (px - a[0])
-        self.values[window][inside] = 0.0
+    def _draw_edges(self, ends: np.ndarray, first: np.ndarray, counts: np.ndarray) -> None:
+        """Lower the squared distances around edges, whose ends are (E, 2, 2), within windows of cells."""
+        for edges in _groups(counts, counts.prod(axis=1)):
+            i, j, px, py = self._cells(first[edges], counts[edges[0]])
+            a, (ex, ey) = ends[edges, 0], (ends[edges, 1] - ends[edges, 0]).T[:, :, None, None]
+            ax, ay = a.T[:, :, None, None]
+            u = np.clip(((px - ax) * ex + (py - ay) * ey) / (ex * ex + ey * ey), 0.0, 1.0)
+            squared = (px - (ax + u * ex)) ** 2 + (py - (ay + u * ey)) ** 2
+            if len(edges) == 1:  # much faster
+                window = self.values[i[0, 0, 0] : i[0, -1, 0] + 1, j[0, 0, 0] : j[0, 0, -1] + 1]
+                np.minimum(window, squared[0], out=window)
+            else:
+                np.minimum.at(self.values.reshape(-1), i * self.values.shape[1] + j, squared)
 
-    def _window(
-        self, low: np.ndarray, high: np.ndarray, distance: float
-    ) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
-        """The cells within a distance of a box: slices, centres x (n, 1) and y (1, m) [m]."""
-        slices = []
-        for axis, origin in enumerate((self.xmin, self.ymin)):
-            last = self.values.shape[axis]
-            first = min(max(math.floor((low[axis] - distance - origin) / self.cell), 0), last)
-            past = min(max(math.ceil((high[axis] + distance - origin) / self.cell), 0), last)
-            slices.append(slice(first, past))
-        x = self.xmin + (np.arange(slices[0].start, slices[0].stop) + 0.5) * self.cell
-        y = self.ymin + (np.arange(slices[1].start, slices[1].stop) + 0.5) * self.cell
-        return (slices[0], slices[1]), x[:, None], y[None, :]
+    def _fill(self, rings: list[np.ndarray]) -> None:
+        """Set the cells whose centres are inside convex rings to 0."""
+        first, counts = self._windows(
+            np.array([ring.min(axis=0) for ring in rings]), np.array([ring.max(axis=0) for ring in rings]), 0.0
+        )
+        corners = np.array([len(ring) for ring in rings])
+        for group in _groups(np.column_stack([counts, corners]), counts.prod(axis=1)):
+            i, j, px, py = self._cells(first[group], counts[group[0]])
+            vertices = np.array([rings[ring] for ring in group])
+            inside = np.ones(np.broadcast_shapes(px.shape, py.shape), dtype=bool)
+            for a, b in zip(vertices.swapaxes(0, 1), np.roll(vertices, -1, axis=1).swapaxes(0, 1), strict=True):
+                (ax, ay), (bx, by) = a.T[:, :, None, None], b.T[:, :, None, None]
+                inside &= (bx - ax) * (py - ay) >= (by - ay) * (px - ax)
+            i, j = np.broadcast_arrays(i, j)
+            self.values[i[inside], j[inside]] = 0.0
+
+    def _windows(self, low: np.ndarray, high: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
+        """The cells within a distance of boxes, (N, 2) [m]: the first and the count along each axis, (N, 2) each."""
+        origin, size = np.array([self.xmin, self.ymin]), np.array(self.values.shape)
+        first = np.clip(np.floor((low - distance - origin) / self.cell), 0, size).astype(np.intp)
+        past = np.clip(np.ceil((high + distance - origin) / self.cell), 0, size).astype(np.intp)
+        return first, np.maximum(past - first, 0)
+
+    def _cells(self, first: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Cells of W windows of one size (2,): indices (W, n, 1) and (W, 1, m), centres x and y in these shapes [m]."""
+        i = first[:, 0, None, None] + np.arange(count[0])[:, None]
+        j = first[:, 1, None, None] + np.arange(count[1])
+        return i, j, self.xmin + (i + 0.5) * self.cell, self.ymin + (j + 0.5) * self.cell
+
+
+def _groups(keys: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
+    """Indices of equal rows of keys (N, K) together, no more in a group than MOST_NUMBERS of their sizes (N,)."""
+    order = np.lexsort(keys.T)
+    order = order[sizes[order] > 0]
+    if not len(order):
+        return []
+    starts = np.flatnonzero((np.diff(keys[order], axis=0) != 0).any(axis=1)) + 1
+    groups = []
+    for group in np.split(order, starts):
+        most = max(1, MOST_NUMBERS // int(sizes[group[0]]))
+        groups += [group[first : first + most] for first in range(0, len(group), most)]
+    return groups
