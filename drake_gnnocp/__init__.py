@@ -15,7 +15,7 @@ from drake_gnnocp.guesses import (
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.planner import Attempt, Fixed, FromGuess, MinimumTime, Plan, PlanOptions, plan
 from drake_gnnocp.scenario import Area, Scenario, ScenarioError, bundled_scenarios
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
+from drake_gnnocp.search.stages import HybridAStarOptions
 from drake_gnnocp.timing.at_rate import at_rate
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle

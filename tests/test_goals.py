@@ -36,7 +36,7 @@ from drake_gnnocp.ocp.refine import Refined, Solve
 from drake_gnnocp.pictures import draw_map, style
 from drake_gnnocp.planner import attempt as attempt_module
 from drake_gnnocp.planner.goals import FEW, Goals, aims_of
-from drake_gnnocp.search.hybrid_astar import SCHEDULE
+from drake_gnnocp.search.stages import SCHEDULE
 
 START = np.zeros(3)
 BLOCK = [[6.0, -3.0], [9.0, -3.0], [9.0, 1.0], [7.0, 2.0]]

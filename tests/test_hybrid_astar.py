@@ -16,11 +16,12 @@ from drake_gnnocp.search import hybrid_astar
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.graph_search import CLOCK_EVERY
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, SearchResult, search
+from drake_gnnocp.search.hybrid_astar import SearchResult, search
 from drake_gnnocp.search.moves import Costs
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
+from drake_gnnocp.search.stages import HybridAStarOptions
 from drake_gnnocp.vehicle import Vehicle
 
 DENSE = 0.05  # m, spacing of the independent check

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses.base import Guess, NoGuess
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import SCHEDULE, HybridAStarOptions, SearchResult, search
+from drake_gnnocp.search.hybrid_astar import SearchResult, search
 from drake_gnnocp.search.path import GearedPath, length_of, n_sections
+from drake_gnnocp.search.stages import SCHEDULE, HybridAStarOptions
 from drake_gnnocp.timing.speed_planner import FEWEST_INTERVALS, plan_speed
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drake_gnnocp.guesses import GuessSource, GuessUnavailable, HybridAStar, Learned, RrtStar, Straight
 from drake_gnnocp.ocp.costs import PAPER, CostWeights
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions
+from drake_gnnocp.search.stages import HybridAStarOptions
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,10 @@ from drake_gnnocp.planner.attempt import Attempt, attempt
 from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import SOURCES, PlanOptions
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.hybrid_astar import HybridAStarOptions, direct
+from drake_gnnocp.search.hybrid_astar import direct
 from drake_gnnocp.search.moves import Costs
 from drake_gnnocp.search.reachability import NoPath
+from drake_gnnocp.search.stages import HybridAStarOptions
 
 logger = logging.getLogger(__name__)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.arena import MOST_CELLS, distance_field
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
-from drake_gnnocp.search.hybrid_astar import MOST_CELLS, distance_field
 from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
 

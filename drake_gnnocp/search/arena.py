@@ -1,0 +1,163 @@
+"""One region that Hybrid A* searches: its distances, its heuristics, and both searches of a stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import takewhile
+
+import numpy as np
+
+from drake_gnnocp.budget import Budget
+from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.collision import Box, FootprintTest, Margins
+from drake_gnnocp.search.distance_field import DistanceField
+from drake_gnnocp.search.graph_search import GraphSearch, Outcome, Query
+from drake_gnnocp.search.heuristic import HolonomicHeuristic
+from drake_gnnocp.search.lattice import Lattice
+from drake_gnnocp.search.moves import Costs, Move, backwards, merged
+from drake_gnnocp.search.stages import SCHEDULE, HybridAStarOptions, Stage, resolution_of
+from drake_gnnocp.vehicle import Vehicle
+
+INSTALMENT = 100  # expansions of one search before the other's turn
+MOST_CELLS = (60_000, 150_000)  # of the distance fields of surroundings and map; larger areas get larger cells
+SMALLEST_CELL = 0.2  # m
+FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
+LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What both searches of one stage came to."""
+
+    outcome: Outcome
+    moves: list[Move] | None  # of the path, None without one
+    test: FootprintTest
+    expansions: int
+    exhausted: tuple[int, ...]  # states from the start, and from the goal, where that search exhausted them, else 0
+
+
+class Arena:
+    """One region with its distances and heuristics, which are made when they are first needed."""
+
+    def __init__(
+        self, scenario: Scenario, region: Box, most_cells: int, options: HybridAStarOptions, budget: Budget
+    ) -> None:
+        self._scenario, self._region, self._most_cells = scenario, region, most_cells
+        self._options, self._budget = options, budget
+
+    @cached_property
+    def _field(self) -> DistanceField:
+        # where the budget ends it, the field is incomplete, and the search ends before it looks there
+        rings = takewhile(lambda _: not self._budget.is_over, self._scenario.convex_obstacles)
+        return distance_field(
+            rings,
+            self._scenario.vehicle,
+            self._region,
+            self._most_cells,
+            max(self._options.margin, self._scenario.clearance),
+        )
+
+    @cached_property
+    def _queries(self) -> list[Query]:
+        return _queries(self._scenario, self._field, self._budget)
+
+    @cached_property
+    def _queries_with_lattice(self) -> list[Query]:
+        with_lattice = partial(_with_lattice, field=self._field, region=self._region, budget=self._budget)
+        return [with_lattice(query, self._scenario) for query in self._queries]
+
+    @cached_property
+    def has_no_way(self) -> bool:
+        """Whether the holonomic heuristic proves that there is no path, or there was no time to compute it."""
+        start = self._scenario.start
+        return math.isinf(self._queries[0].holonomic.at(start[:1], start[1:2])[0])
+
+    @cached_property
+    def encloses_an_end(self) -> bool:
+        """Whether start or goal is walled in on all sides: then no larger region has a way either."""
+        return self.has_no_way and not all(query.holonomic.reaches_the_rim for query in self._queries)
+
+    def run(self, stage: Stage) -> Run:
+        """Search at one stage."""
+        queries = self._queries_with_lattice if stage.lattice else self._queries
+        test, resolution = self.test(stage), resolution_of(self._options, stage)
+        searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
+        outcome = _take_turns(searches, stage.expansions, self._budget)
+        exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
+        return Run(outcome, _best(searches), test, sum(one.expansions for one in searches), exhausted)
+
+    def few_states(self, exhausted: tuple[int, ...]) -> int:
+        """How many states there are at the finest resolution from an end whose states a stage exhausted.
+
+        0 where they are not few, or where the finest resolution is not fine enough to tell.
+        """
+        finest = resolution_of(self._options, SCHEDULE[-1])
+        for query, at_stage, nearest in zip(self._queries, exhausted, self._scenario.nearest_at_ends, strict=True):
+            if at_stage and nearest > LEAST_CLEARANCE:
+                one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest)
+                if one.run(FEW_STATES, self._budget) is Outcome.FINISHED and one.is_exhausted:
+                    return one.expansions
+        return 0
+
+    def test(self, stage: Stage) -> FootprintTest:
+        """The collision test of a stage."""
+        margin = max(stage.margin * self._options.margin, self._scenario.clearance)
+        return FootprintTest(self._scenario, self._field, self._region, Margins.of(self._scenario, margin))
+
+    @property
+    def _common(self) -> tuple[Box, float, Costs]:
+        """What all searches of the arena are given."""
+        return self._region, self._scenario.vehicle.turning_radius, self._options.costs
+
+
+def distance_field(
+    rings: Iterable[np.ndarray], vehicle: Vehicle, region: Box, most_cells: int, margin: float
+) -> DistanceField:
+    """Distances to convex rings over a region, as coarse as makes it no more than so many cells; margin [m]."""
+    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / most_cells))
+    cut_off = vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
+    return DistanceField.of(rings, region, cell, cut_off)
+
+
+def _queries(scenario: Scenario, field: DistanceField, budget: Budget) -> list[Query]:
+    """The search from the start and the one from the goal."""
+    start, goal, vehicle = scenario.start, scenario.goal, scenario.vehicle
+    return [
+        Query(start, goal, False, HolonomicHeuristic.of(field, vehicle, goal, budget), None),
+        Query(goal, start, True, HolonomicHeuristic.of(field, vehicle, start, budget), None),
+    ]
+
+
+def _with_lattice(query: Query, scenario: Scenario, field: DistanceField, region: Box, budget: Budget) -> Query:
+    lattice = Lattice.of(field, scenario.vehicle, query.target, query.holonomic, region, budget)
+    return replace(query, lattice=lattice)
+
+
+def _take_turns(searches: Sequence[GraphSearch], most: int, budget: Budget) -> Outcome:
+    """Run both searches in turn until one has a path or none can go on."""
+    outcomes = [Outcome.PAUSED, Outcome.PAUSED]
+    tight = [one.root_is_tight for one in searches]
+    instalments = [INSTALMENT if tight[k] or not tight[1 - k] else INSTALMENT // 4 for k in (0, 1)]
+    for _ in range(math.ceil(most / INSTALMENT)):
+        for which, one in enumerate(searches):
+            if outcomes[which] is Outcome.PAUSED:
+                outcomes[which] = one.run(instalments[which], budget)
+            found = outcomes[which] is Outcome.FINISHED and one.best is not None
+            if found or outcomes[which] is Outcome.OUT_OF_TIME:
+                return outcomes[which]
+        if outcomes == [Outcome.FINISHED, Outcome.FINISHED]:
+            break
+    return Outcome.FINISHED
+
+
+def _best(searches: Sequence[GraphSearch]) -> list[Move] | None:
+    from_start, from_goal = searches
+    if from_start.best is None and from_goal.best is None:
+        return None
+    if from_start.best is not None and from_start.best_cost <= from_goal.best_cost:
+        return merged(from_start.best)
+    assert from_goal.best is not None
+    return merged(backwards(from_goal.best))
