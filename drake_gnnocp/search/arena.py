@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import takewhile
 
 import numpy as np
@@ -22,8 +22,11 @@ from drake_gnnocp.search.stages import SCHEDULE, HybridAStarOptions, Stage, reso
 from drake_gnnocp.vehicle import Vehicle
 
 INSTALMENT = 100  # expansions of one search before the other's turn
-MOST_CELLS = (60_000, 150_000)  # of the distance fields of surroundings and map; larger areas get larger cells
+CELL_COUNTS = (60_000, 150_000)  # of the distance fields of surroundings and map: larger areas get larger cells ...
 SMALLEST_CELL = 0.2  # m
+LARGE_CELL = 0.5  # m ... up to this size, in which the lattice still sees the gaps that the car fits through ...
+MOST_CELLS = 1_000_000  # ... and beyond it in the largest
+PER_METRE = 10  # expansions of one search for a metre of the way, where there are lattices
 FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
 
@@ -43,9 +46,9 @@ class Arena:
     """One region with its distances and heuristics, which are made when they are first needed."""
 
     def __init__(
-        self, scenario: Scenario, region: Box, most_cells: int, options: HybridAStarOptions, budget: Budget
+        self, scenario: Scenario, region: Box, cells: int, options: HybridAStarOptions, budget: Budget
     ) -> None:
-        self._scenario, self._region, self._most_cells = scenario, region, most_cells
+        self._scenario, self._region, self._cells = scenario, region, cells
         self._options, self._budget = options, budget
 
     @cached_property
@@ -56,7 +59,7 @@ class Arena:
             rings,
             self._scenario.vehicle,
             self._region,
-            self._most_cells,
+            self._cells,
             max(self._options.margin, self._scenario.clearance),
         )
 
@@ -66,14 +69,37 @@ class Arena:
 
     @cached_property
     def _queries_with_lattice(self) -> list[Query]:
-        with_lattice = partial(_with_lattice, field=self._field, region=self._region, budget=self._budget)
-        return [with_lattice(query, self._scenario) for query in self._queries]
+        from_start, from_goal = self._queries
+        return [self._with_lattice(from_start, from_goal), self._with_lattice(from_goal, from_start)]
+
+    def _with_lattice(self, query: Query, opposite: Query) -> Query:
+        lattice = Lattice.of(
+            self._field,
+            self._scenario.vehicle,
+            query.root,
+            query.target,
+            query.holonomic,
+            opposite.holonomic,
+            self._region,
+            self._budget,
+        )
+        return replace(query, lattice=lattice)
 
     @cached_property
+    def way(self) -> float:
+        """Length of the disc's way from start to goal [m]; infinite where there was no time to compute it."""
+        start = self._scenario.start
+        return float(self._queries[0].holonomic.at(start[:1], start[1:2])[0])
+
+    @property
     def has_no_way(self) -> bool:
         """Whether the holonomic heuristic proves that there is no path, or there was no time to compute it."""
-        start = self._scenario.start
-        return math.isinf(self._queries[0].holonomic.at(start[:1], start[1:2])[0])
+        return math.isinf(self.way)
+
+    @property
+    def knows_way(self) -> bool:
+        """Whether the lattices have a way for the car."""
+        return all(query.lattice is not None and query.lattice.knows_way for query in self._queries_with_lattice)
 
     @cached_property
     def encloses_an_end(self) -> bool:
@@ -85,7 +111,8 @@ class Arena:
         queries = self._queries_with_lattice if stage.lattice else self._queries
         test, resolution = self.test(stage), resolution_of(self._options, stage)
         searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
-        outcome = _take_turns(searches, stage.expansions, self._budget)
+        most = max(stage.expansions, math.ceil(PER_METRE * self.way)) if stage.lattice else stage.expansions
+        outcome = _take_turns(searches, most, self._budget)
         exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
         return Run(outcome, _best(searches), test, sum(one.expansions for one in searches), exhausted)
 
@@ -114,10 +141,11 @@ class Arena:
 
 
 def distance_field(
-    rings: Iterable[np.ndarray], vehicle: Vehicle, region: Box, most_cells: int, margin: float
+    rings: Iterable[np.ndarray], vehicle: Vehicle, region: Box, cells: int, margin: float
 ) -> DistanceField:
-    """Distances to convex rings over a region, as coarse as makes it no more than so many cells; margin [m]."""
-    cell = max(SMALLEST_CELL, math.sqrt((region[1] - region[0]) * (region[3] - region[2]) / most_cells))
+    """Distances to convex rings over a region, in about so many cells where these are not too large; margin [m]."""
+    area = (region[1] - region[0]) * (region[3] - region[2])
+    cell = max(SMALLEST_CELL, min(math.sqrt(area / cells), LARGE_CELL), math.sqrt(area / MOST_CELLS))
     cut_off = vehicle.width + 2.0 * (margin + cell)  # beyond it every covering circle is free
     return DistanceField.of(rings, region, cell, cut_off)
 
@@ -129,11 +157,6 @@ def _queries(scenario: Scenario, field: DistanceField, budget: Budget) -> list[Q
         Query(start, goal, False, HolonomicHeuristic.of(field, vehicle, goal, budget), None),
         Query(goal, start, True, HolonomicHeuristic.of(field, vehicle, start, budget), None),
     ]
-
-
-def _with_lattice(query: Query, scenario: Scenario, field: DistanceField, region: Box, budget: Budget) -> Query:
-    lattice = Lattice.of(field, scenario.vehicle, query.target, query.holonomic, region, budget)
-    return replace(query, lattice=lattice)
 
 
 def _take_turns(searches: Sequence[GraphSearch], most: int, budget: Budget) -> Outcome:

@@ -18,12 +18,14 @@ which the car can hardly move there are few. Where there are more, the place is 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.arena import FEW_STATES, MOST_CELLS, Arena, Run
+from drake_gnnocp.search.arena import CELL_COUNTS, FEW_STATES, Arena, Run
 from drake_gnnocp.search.connection import connect
 from drake_gnnocp.search.graph_search import CANDIDATES, Outcome
 from drake_gnnocp.search.moves import Move, poses_along
@@ -71,16 +73,14 @@ def search(
     """
     if budget.is_over:
         return SearchResult(None, "out of time", 0)
-    regions = zip(search_regions(scenario), MOST_CELLS, strict=False)
+    regions = zip(search_regions(scenario), CELL_COUNTS, strict=False)
     arenas = [Arena(scenario, region, cells, options, budget) for region, cells in regions]
     if arenas[0].encloses_an_end:
         arenas = []
     stages, expansions = list(SCHEDULE[first_stage:last_stage]), 0
     for number, stage in enumerate(stages):
         run = None
-        for arena in arenas:
-            if arena.has_no_way:
-                continue
+        for arena in _in_order(arenas, stage):
             run = arena.run(stage)
             expansions += run.expansions
             if run.moves is not None:
@@ -111,11 +111,26 @@ def direct(scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS) ->
     radius, longest = scenario.vehicle.turning_radius, scenario.vehicle.length
     if path_length(tuple(scenario.start), scenario.goal, radius) > longest:
         return None
-    arena = Arena(scenario, search_regions(scenario)[0], MOST_CELLS[0], options, Budget.unlimited())
+    arena = Arena(scenario, search_regions(scenario)[0], CELL_COUNTS[0], options, Budget.unlimited())
     test, cost_of = arena.test(SCHEDULE[0]), partial(options.costs.of, sharpest=1.0 / radius)
     limit = MOST_COST * longest
     found = connect(scenario.start, scenario.goal, radius, test, cost_of, limit, CANDIDATES)
     return None if found is None else _geared_path(scenario, found[1], test.spacing)
+
+
+def _in_order(arenas: Sequence[Arena], stage: Stage) -> Iterator[Arena]:
+    """The arenas that a stage searches: without lattices the first, with them those that seem to have a way first."""
+    possible = (arena for arena in arenas if not arena.has_no_way)
+    if not stage.lattice:
+        yield from islice(possible, 1)
+        return
+    later = []
+    for arena in possible:
+        if arena.knows_way:
+            yield arena
+        else:
+            later.append(arena)
+    yield from later
 
 
 def _all_states(stage: Stage, run: Run, arena: Arena | None) -> int:

@@ -28,6 +28,7 @@ from drake_gnnocp.vehicle import Vehicle
 
 HEADINGS = 16
 CHANGE = 1e-3  # m, smaller changes do not go on
+DETOUR_FACTOR, DETOUR_EXTRA = 1.3, 60.0  # m: states are left out where the disc's way through them is this much longer
 WITHOUT_WAY_FACTOR = 2.0  # where the lattice knows no way: this many times the disc's way ...
 WITHOUT_WAY_EXTRA = 10.0  # m, ... and this
 
@@ -40,14 +41,17 @@ class Lattice:
     ymin: float  # m, lower side of the grid
     cell: float  # m, side of a cell
     values: np.ndarray  # (HEADINGS, nx, ny) [m], finite where the disc has a way
+    knows_way: bool  # whether it leads from about the root to the target
 
     @classmethod
     def of(
         cls,
         field: DistanceField,
         vehicle: Vehicle,
+        root: np.ndarray,
         target: np.ndarray,
         holonomic: HolonomicHeuristic,
+        from_root: HolonomicHeuristic,
         region: Box,
         budget: Budget,
     ) -> Lattice:
@@ -56,19 +60,24 @@ class Lattice:
         Args:
             field: distances to the obstacles.
             vehicle: the car.
+            root: from where the search begins: x, y, theta [m, m, rad].
             target: x, y, theta [m, m, rad].
             holonomic: the disc's distances to the target.
+            from_root: and to the root.
             region: xmin, xmax, ymin, ymax, which the car does not leave [m].
             budget: where it ends early, lengths are too large.
         """
-        blocked = _blocked(field, vehicle, holonomic, region)
-        nx, ny = blocked.shape[1:]
-        i = min(max(int((target[0] - holonomic.xmin) / holonomic.cell), 0), nx - 1)
-        j = min(max(int((target[1] - holonomic.ymin) / holonomic.cell), 0), ny - 1)
-        state = (round(target[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j)
-        values = _lengths(blocked, state, _moves(holonomic.cell, vehicle.turning_radius), budget)
+        through = holonomic.values + from_root.values  # length of the disc's shortest way through a cell
+        is_detour = through > DETOUR_FACTOR * through.min() + DETOUR_EXTRA
+        blocked = _blocked(field, vehicle, holonomic, region) | is_detour
+        k, i, j = _state(target, holonomic)
+        values = _lengths(blocked, (k, i, j), _moves(holonomic.cell, vehicle.turning_radius), budget)
+        k, i, j = _state(root, holonomic)
+        around = np.take(values, np.arange(k - 1, k + 2), axis=0, mode="wrap")
+        knows_way = np.isfinite(around[:, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]).any()
         guess = WITHOUT_WAY_FACTOR * holonomic.values + WITHOUT_WAY_EXTRA
-        return cls(holonomic.xmin, holonomic.ymin, holonomic.cell, np.where(np.isfinite(values), values, guess))
+        values = np.where(np.isfinite(values), values, guess)
+        return cls(holonomic.xmin, holonomic.ymin, holonomic.cell, values, bool(knows_way))
 
     def at(self, x: float, y: float, theta: float) -> float:
         """Length to the target from a pose [m, m, rad], in m."""
@@ -76,6 +85,14 @@ class Lattice:
         i = min(max(int((x - self.xmin) / self.cell), 0), nx - 1)
         j = min(max(int((y - self.ymin) / self.cell), 0), ny - 1)
         return float(self.values[round(theta / (2 * math.pi) * HEADINGS) % HEADINGS, i, j])
+
+
+def _state(pose: np.ndarray, holonomic: HolonomicHeuristic) -> tuple[int, int, int]:
+    """Heading and cell of a pose (3,)."""
+    nx, ny = holonomic.values.shape
+    i = min(max(int((pose[0] - holonomic.xmin) / holonomic.cell), 0), nx - 1)
+    j = min(max(int((pose[1] - holonomic.ymin) / holonomic.cell), 0), ny - 1)
+    return round(pose[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j
 
 
 def _blocked(field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeuristic, region: Box) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.arena import MOST_CELLS, distance_field
+from drake_gnnocp.search.arena import CELL_COUNTS, distance_field
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.reeds_shepp import path_length
 from drake_gnnocp.search.regions import search_regions
@@ -24,7 +24,7 @@ def ways(scenario: Scenario, poses: np.ndarray, budget: Budget) -> np.ndarray:
         (C,), infinite where there is none [m].
     """
     vehicle, region = scenario.vehicle, search_regions(scenario, poses)[-1]
-    field = distance_field(scenario.convex_obstacles, vehicle, region, MOST_CELLS[0], scenario.clearance)
+    field = distance_field(scenario.convex_obstacles, vehicle, region, CELL_COUNTS[0], scenario.clearance)
     among_obstacles = HolonomicHeuristic.of(field, vehicle, scenario.start, budget).at(poses[:, 0], poses[:, 1])
     curves = [path_length(tuple(scenario.start), pose, vehicle.turning_radius) for pose in poses]
     return np.maximum(curves, among_obstacles)
