@@ -28,7 +28,7 @@ from drake_gnnocp.vehicle import Vehicle
 
 HEADINGS = 16
 CHANGE = 1e-3  # m, smaller changes do not go on
-DETOUR_FACTOR, DETOUR_EXTRA = 1.3, 60.0  # m: states are left out where the disc's way through them is this much longer
+DETOUR_FACTOR, DETOUR_EXTRA = 1.3, 60.0  # m: longer ways of the disc are left out where a shorter one leads
 WITHOUT_WAY_FACTOR = 2.0  # where the lattice knows no way: this many times the disc's way ...
 WITHOUT_WAY_EXTRA = 10.0  # m, ... and this
 
@@ -69,15 +69,16 @@ class Lattice:
         """
         through = holonomic.values + from_root.values  # length of the disc's shortest way through a cell
         is_detour = through > DETOUR_FACTOR * through.min() + DETOUR_EXTRA
-        blocked = _blocked(field, vehicle, holonomic, region) | is_detour
-        k, i, j = _state(target, holonomic)
-        values = _lengths(blocked, (k, i, j), _moves(holonomic.cell, vehicle.turning_radius), budget)
-        k, i, j = _state(root, holonomic)
-        around = np.take(values, np.arange(k - 1, k + 2), axis=0, mode="wrap")
-        knows_way = np.isfinite(around[:, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]).any()
+        blocked = _blocked(field, vehicle, holonomic, region)
+        end, moves = _state(target, holonomic), _moves(holonomic.cell, vehicle.turning_radius)
+        values = _lengths(blocked | is_detour, end, moves, budget)
+        knows_way = _leads(values, _state(root, holonomic))
+        if not knows_way and is_detour.any():
+            values = _lengths(blocked, end, moves, budget)
+            knows_way = _leads(values, _state(root, holonomic))
         guess = WITHOUT_WAY_FACTOR * holonomic.values + WITHOUT_WAY_EXTRA
         values = np.where(np.isfinite(values), values, guess)
-        return cls(holonomic.xmin, holonomic.ymin, holonomic.cell, values, bool(knows_way))
+        return cls(holonomic.xmin, holonomic.ymin, holonomic.cell, values, knows_way)
 
     def at(self, x: float, y: float, theta: float) -> float:
         """Length to the target from a pose [m, m, rad], in m."""
@@ -93,6 +94,13 @@ def _state(pose: np.ndarray, holonomic: HolonomicHeuristic) -> tuple[int, int, i
     i = min(max(int((pose[0] - holonomic.xmin) / holonomic.cell), 0), nx - 1)
     j = min(max(int((pose[1] - holonomic.ymin) / holonomic.cell), 0), ny - 1)
     return round(pose[2] / (2 * math.pi) * HEADINGS) % HEADINGS, i, j
+
+
+def _leads(values: np.ndarray, state: tuple[int, int, int]) -> bool:
+    """Whether lengths are known at a state or one beside it."""
+    k, i, j = state
+    around = np.take(values, np.arange(k - 1, k + 2), axis=0, mode="wrap")
+    return bool(np.isfinite(around[:, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]).any())
 
 
 def _blocked(field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeuristic, region: Box) -> np.ndarray:
