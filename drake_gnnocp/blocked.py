@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from drake_gnnocp.convex import convex_parts, cover
+from drake_gnnocp.convex import convex_parts, convex_parts_of, cover
 from drake_gnnocp.polygons import SAME_POINT, merged
 
 FEW_VERTICES = 100  # of a polygon that is taken as it is
@@ -36,7 +36,8 @@ class Blocked:
             cover(polygon, tolerance) if many else polygon for polygon, many in zip(polygons, has_many, strict=True)
         ]
         is_larger = np.array([one is not other for one, other in zip(covers, polygons, strict=True)], dtype=bool)
-        return cls(polygons, _objects(covers), tuple(tuple(convex_parts(polygon)) for polygon in covers), is_larger)
+        array = _objects(covers)
+        return cls(polygons, array, convex_parts_of(array), is_larger)
 
     def exact_near(self, shapes: np.ndarray, distance: float) -> Blocked:
         """The same with polygons as they are where their covers are within a distance of some shapes [m]."""

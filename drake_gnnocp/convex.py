@@ -14,13 +14,38 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
-from drake_gnnocp.polygons import SMALLEST_AREA, clean_ring, signed_area
+from drake_gnnocp.polygons import SAME_POINT, SMALLEST_AREA, clean_ring, following, signed_area
 
 MOST_VERTICES = 60  # of a convex part
 CONVEX_TOLERANCE = 1e-12  # of the squared perimeter: turns above -this count as convex
 PLAIN_TURN = 1e-6  # m^2: sharper ones are not convex, which is quick to see
 SHORTEST = 1e-9  # m, shorter chords are none, and vertices that are no deeper are on a line
 ROUNDS = 40  # of leaving out vertices
+
+
+def convex_parts_of(polygons: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+    """What `convex_parts` gives for each of many polygons (B,); those that plainly are convex are seen at once."""
+    if not len(polygons):
+        return ()
+    counts = shapely.get_num_points(shapely.get_exterior_ring(polygons)) - 1  # a ring's last point is its first one
+    corners, owners = shapely.get_coordinates(shapely.get_exterior_ring(polygons), return_index=True)
+    is_last = np.append(np.diff(owners) > 0, True)
+    steps = np.diff(corners, axis=0)[~is_last[:-1]]
+    corners, owners = corners[~is_last], owners[~is_last]
+    after = steps[following(counts)]
+    turns = steps[:, 0] * after[:, 1] - steps[:, 1] * after[:, 0]
+    lowest, highest = np.full(len(polygons), np.inf), np.full(len(polygons), -np.inf)
+    np.minimum.at(lowest, owners, turns)
+    np.maximum.at(highest, owners, turns)
+    is_plain = (
+        ((lowest > 0) | (highest < 0)) & (counts <= MOST_VERTICES) & (shapely.get_num_interior_rings(polygons) == 0)
+    )
+    is_plain[owners[np.abs(steps).max(axis=1) <= SAME_POINT]] = False
+    rings = np.split(corners, np.cumsum(counts)[:-1])
+    return tuple(
+        (ring if turn > 0 else ring[::-1],) if plain else tuple(convex_parts(polygon))
+        for polygon, ring, plain, turn in zip(polygons, rings, is_plain, lowest, strict=True)
+    )
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
@@ -65,10 +90,11 @@ def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int
     owner = {edge: i for i, part in enumerate(parts) for edge in _edges(part)}
     for u, v in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
         i, j = owner[u, v], owner[v, u]
-        if _sharpest_turn(parts[i], parts[j], (u, v), points) < -PLAIN_TURN:
+        turn = _sharpest_turn(parts[i], parts[j], (u, v), points)
+        if turn < -PLAIN_TURN:
             continue
         union = _union_across_edge(parts[i], parts[j], (u, v))
-        if _is_convex([points[k] for k in union]):
+        if turn >= 0 or _is_convex([points[k] for k in union]):
             owner.update({edge: i for edge in _edges(parts[j])})
             parts[i], parts[j] = union, []
     return [part for part in parts if part]

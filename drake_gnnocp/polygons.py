@@ -66,6 +66,20 @@ def polygons_from(rings: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(rings), indices=owners)))
 
 
+def edges_of(rings: Sequence[np.ndarray]) -> np.ndarray:
+    """The edges of one or more rings (N, 2) ring by ring: (E, 2, 2) from and to [m]."""
+    corners = np.concatenate(rings)
+    return np.stack([corners, corners[following(np.array([len(ring) for ring in rings]))]], axis=1)
+
+
+def following(counts: np.ndarray) -> np.ndarray:
+    """Where the next corner is of every corner, of rings of so many corners one after another: (N,)."""
+    last, has_any = np.cumsum(counts) - 1, counts > 0
+    after = np.arange(1, last[-1] + 2)
+    after[last[has_any]] = (last - counts + 1)[has_any]
+    return after
+
+
 def simple_polygons(rings: Sequence[np.ndarray]) -> Iterator[shapely.Polygon | None]:
     """What `polygons_of` gives for each of many rings (N, 2) where that is one plain polygon, at once; else None."""
     if not rings:
@@ -74,13 +88,12 @@ def simple_polygons(rings: Sequence[np.ndarray]) -> Iterator[shapely.Polygon | N
     corners = np.concatenate(rings)
     owners = np.repeat(np.arange(len(rings)), counts)
     first = np.cumsum(counts) - counts
-    following = np.arange(1, len(corners) + 1)
-    following[(first + counts - 1)[counts > 0]] = first[counts > 0]
-    steps = np.linalg.norm(corners[following] - corners, axis=1)
+    after = following(counts)
+    steps = np.linalg.norm(corners[after] - corners, axis=1)
     is_odd = (counts < 3) | ~np.isfinite(np.bincount(owners, np.abs(corners).sum(axis=1), len(rings)))
     is_odd[owners[~(steps > SAME_POINT)]] = True
     relative = corners - corners[np.minimum(first, len(corners) - 1)][owners]
-    doubled = relative[:, 0] * relative[following, 1] - relative[:, 1] * relative[following, 0]
+    doubled = relative[:, 0] * relative[after, 1] - relative[:, 1] * relative[after, 0]
     is_clockwise = np.bincount(owners, doubled, len(rings)) < 0
     kept = ~is_odd[owners]
     turned = (2 * first + counts - 1)[owners] - np.arange(len(corners))  # the same ring from its end

@@ -21,6 +21,7 @@ Integrals are sums over the knots times h (a and w are zero at both ends, so for
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import ClassVar, Protocol
@@ -37,6 +38,8 @@ LARGEST_WEIGHT = 1e6  # far larger ones leave the solvers no digits
 FREE_SPACE, PAPER = "free space", "paper"  # definitions of J2
 REACH = 4.0  # sigma: what is farther away counts less than 4e-4 of what it would nearby
 STRAY = 2.0  # m, that a plan may be away from its reference
+FEW_TERMS, TOGETHER = 20_000, 40  # of a sum that is not worth parting; poses that are near each other
+NOTHING = 36.0  # an exponent at which what is left is below the sum's rounding
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,10 @@ class Proximity:
 
     def evaluate(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `CostTerm`."""
+        totals, gradients = zip(*[near._evaluate(part) for near, part in self._by_parts(values)], strict=True)
+        return np.concatenate(totals), np.concatenate(gradients)
+
+    def _evaluate(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         on_car, arm, terms = self._terms(values)
         total = terms.sum(axis=2)
         of_points = -2 * self.decay * (on_car * total[..., None] - terms @ self.points)  # (N, B, 2)
@@ -156,6 +163,9 @@ class Proximity:
 
     def convex_hessian(self, values: np.ndarray) -> np.ndarray:
         """Of every point of the car the part that bends up, carried over to the pose; see `CostTerm`."""
+        return np.concatenate([near._convex_hessian(part) for near, part in self._by_parts(values)])
+
+    def _convex_hessian(self, values: np.ndarray) -> np.ndarray:
         on_car, arm, terms = self._terms(values)
         total, first = terms.sum(axis=2)[..., None, None], (terms @ self.points)[..., None]
         second = (terms @ np.einsum("ki,kj->kij", self.points, self.points).reshape(-1, 4)).reshape(
@@ -168,6 +178,17 @@ class Proximity:
         up = (directions * np.maximum(bends, 0.0)[..., None, :]) @ np.swapaxes(directions, 2, 3)
         carried = np.concatenate([np.broadcast_to(np.eye(2), up.shape), arm[..., None]], axis=3)  # (N, B, 2, 3)
         return self.weight * np.sum(np.swapaxes(carried, 2, 3) @ up @ carried, axis=1)
+
+    def _by_parts(self, values: np.ndarray) -> Iterator[tuple[Proximity, np.ndarray]]:
+        """Parts of many poses (N, 3), each with the points that count there."""
+        if len(values) * len(self.points) <= FEW_TERMS:
+            yield self, values
+            return
+        reach = math.sqrt(NOTHING / self.decay) + float(np.abs(self.along).max())
+        for part in np.array_split(values, math.ceil(len(values) / TOGETHER)):
+            low, high = part[:, : State.THETA].min(axis=0) - reach, part[:, : State.THETA].max(axis=0) + reach
+            counts = ((self.points >= low) & (self.points <= high)).all(axis=1)
+            yield replace(self, points=self.points[counts], shares=self.shares[counts]), part
 
     def _terms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The points p (N, B, 2), their derivatives by theta (N, B, 2), and the terms of the sum (N, B, K)."""

@@ -7,6 +7,7 @@ nothing. (`SetVariableScaling` does not reach Ipopt.)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ STEP_SCALE = 10.0  # program variable = h / STEP_SCALE
 SHORTEST_STEP, LONGEST_STEP = 0.1, 3.0  # of the reference's, where time is minimised
 IPOPT_LARGEST_GRADIENT = 100.0  # its nlp_scaling_max_gradient: larger gradients at the start make it scale the cost
 KNOTS_PER_COST = 4  # dense blocks: one matrix over all inputs would cost its square in every evaluation
+KNOTS_PER_TERM = 120  # the same for other costs, which are calls of Python
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,13 +196,21 @@ def _add_cost(nlp: Nlp, term: CostTerm, factor: float) -> None:
             nlp.program.AddQuadraticCost(hessian.reshape(size, size), np.zeros(size), block.ravel(), is_convex=True)
         return
 
+    for block in np.array_split(variables, max(1, math.ceil(len(variables) / KNOTS_PER_TERM))):
+        cost = nlp.program.AddCost(_cost_callback(term, scale, factor, block.shape), block.ravel())
+        cost.evaluator().set_description(term.description)
+
+
+def _cost_callback(term: CostTerm, scale: np.ndarray, factor: float, shape: tuple[int, ...]) -> object:
+    """Factor times the sum of a term over a block of knots, a function of program variables, which are over a scale."""
+
     def evaluate(x: np.ndarray) -> object:
         with_gradient = x.dtype != float
         values = ExtractValue(x).ravel() if with_gradient else x
-        value, gradient = term.evaluate(values.reshape(variables.shape) * scale)
+        value, gradient = term.evaluate(values.reshape(shape) * scale)
         total = np.array([factor * value.sum()])
         if not with_gradient:
             return float(total[0])
         return InitializeAutoDiff(total, factor * (gradient * scale).reshape(1, -1)).item()
 
-    nlp.program.AddCost(evaluate, variables.ravel()).evaluator().set_description(term.description)
+    return evaluate

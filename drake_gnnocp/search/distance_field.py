@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from drake_gnnocp.polygons import polygons_from
+from drake_gnnocp.polygons import edges_of, polygons_from
 
 LOOK_UP = 200  # squared distances to edges are computed in the time in which the nearest ring of a point is looked up
 MOST_NUMBERS = 100_000  # in an array: more are computed in parts
@@ -51,7 +51,7 @@ class DistanceField:
         rings = list(convex_rings)
         if not rings:
             return replace(field, values=np.full(shape, cut_off))
-        ends = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+        ends = edges_of(rings)
         windows = field._windows(ends.min(axis=1), ends.max(axis=1), cut_off)
         if windows[1].prod(axis=1).sum() > LOOK_UP * field.values.size:
             return field._of_many(rings)
