@@ -26,7 +26,7 @@ from drake_gnnocp.ocp.costs import cost_terms, total_cost
 from drake_gnnocp.ocp.formulation import Formulation, Line, demand_of
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings
 from drake_gnnocp.ocp.nlp import build
-from drake_gnnocp.ocp.sqp import SqpSteps
+from drake_gnnocp.ocp.sqp import SqpSettings, SqpSteps, sqp_steps
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
@@ -45,6 +45,8 @@ MOST_ITERATIONS, MOST_FINISHING = 800, 200
 FINISH_ROWS_WITHIN, FINISH_TRUST_REGION = 1.2, (0.15, 0.15, 0.1)  # m; m, m, rad
 DEARER = 1.02  # of a plan's cost: what more clearance may cost
 MOST_WIDENING = 40  # iterations of Ipopt for it
+# plans of so many knots take SQP steps towards it first: Ipopt alone takes twice as long for them
+MANY_KNOTS, FIRST_STEPS = 240, SqpSettings(most_steps=4)
 LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
 
 
@@ -191,8 +193,11 @@ def _widened(
     missed = _shortfall(scenario, comfortable, solve.trajectory)
     if not missed or budget.is_over:
         return None
-    few = replace(settings, max_iterations=MOST_WIDENING)
-    wider = solve_once(scenario, answer(scenario, comfortable, solve), few, budget)
+    few, asked = replace(settings, max_iterations=MOST_WIDENING), answer(scenario, comfortable, solve)
+    if len(asked.reference) >= MANY_KNOTS:
+        nearer = replace(asked, reference=sqp_steps(asked, FIRST_STEPS, budget).trajectory)
+        asked = _with_lines(nearer, close_pairs(nearer, drive(scenario.start, nearer.reference, scenario.vehicle)))
+    wider = solve_once(scenario, asked, few, budget)
     misses = _shortfall(scenario, comfortable, wider.trajectory)
     is_cheap = _cost(formulation, wider.trajectory) <= DEARER * _cost(formulation, solve.trajectory)
     return wider, wider.verification.verified and misses < missed and is_cheap
