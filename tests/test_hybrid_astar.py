@@ -132,6 +132,19 @@ def test_where_the_car_must_turn_round_the_lattice_leads_there() -> None:
     assert search(task, Budget(3000, instants.__next__)).status == "found"
 
 
+def test_a_way_with_room_is_tried_before_a_squeeze_that_may_be_too_tight_is_searched_to_its_end() -> None:
+    """Two walls with gaps 0.46 m wider than the car, too near behind each other to get through, and a way around."""
+    walls = [
+        box(side * 2.25, middle, 0.3, length)
+        for side, gap in ((-1, -0.8), (1, 0.8))
+        for middle, length in ((0.5 * (gap - 26.2), gap + 23.8), (0.5 * (gap + 26.2), 23.8 - gap))
+    ]
+    task = scenario((-12.0, 0.0, 0.0), (10.0, 0.0, 0.0), *walls, bounds=(-18.0, 18.0, -25.0, 33.0))
+    found = search(task, UNLIMITED)
+    assert found.expansions < 5000  # without it, 50,000 in 20 s are not enough
+    assert_sound(task, found)
+
+
 def test_the_search_goes_on_after_its_first_path() -> None:
     task = Scenario.load("crowded_yard")
     task = task.translated(-task.start[0], -task.start[1])

@@ -59,3 +59,19 @@ def test_around_an_obstacle_the_shortcut_is_free_and_a_second_round_finds_what_t
 def test_without_time_the_path_stays_as_it_is() -> None:
     scenario, test = task_along(WIGGLE)
     assert shortcut.shortened(scenario, WIGGLE, test, COSTS, Budget(0.0)) == WIGGLE
+
+
+def test_the_work_grows_with_the_length_of_the_path_not_with_its_square(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[int] = []
+
+    def connect(*arguments: object) -> None:
+        """As if nothing were free."""
+        tried[-1] += 1
+
+    monkeypatch.setattr(shortcut, "connect", connect)
+    for times in (10, 40):
+        long = WIGGLE * times
+        scenario, test = task_along(long)
+        tried.append(0)
+        assert length_of(shortcut.shortened(scenario, long, test, COSTS, Budget.unlimited())) == length_of(long)
+    assert 0 < tried[1] < 5 * tried[0]

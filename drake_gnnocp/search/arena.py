@@ -26,7 +26,7 @@ CELL_COUNTS = (60_000, 150_000)  # of the distance fields of surroundings and ma
 SMALLEST_CELL = 0.2  # m
 LARGE_CELL = 0.4  # m ... up to this size, in which the lattice still sees the gaps that the car fits through ...
 MOST_CELLS = 1_000_000  # ... and beyond it in the largest
-PER_METRE = 10  # expansions of one search for a metre of the way, where there are lattices
+PER_METRE = 10  # expansions of one search for a metre of the way, where lattices know one
 FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
 
@@ -50,6 +50,7 @@ class Arena:
     ) -> None:
         self._scenario, self._region, self._cells = scenario, region, cells
         self._options, self._budget = options, budget
+        self._queries_by_room: dict[float, list[Query]] = {}
 
     @cached_property
     def _field(self) -> DistanceField:
@@ -67,12 +68,14 @@ class Arena:
     def _queries(self) -> list[Query]:
         return _queries(self._scenario, self._field, self._budget)
 
-    @cached_property
-    def _queries_with_lattice(self) -> list[Query]:
-        from_start, from_goal = self._queries
-        return [self._with_lattice(from_start, from_goal), self._with_lattice(from_goal, from_start)]
+    def _queries_with_lattice(self, room: float) -> list[Query]:
+        if room not in self._queries_by_room:
+            from_start, from_goal = self._queries
+            pairs = ((from_start, from_goal), (from_goal, from_start))
+            self._queries_by_room[room] = [self._with_lattice(query, other, room) for query, other in pairs]
+        return self._queries_by_room[room]
 
-    def _with_lattice(self, query: Query, opposite: Query) -> Query:
+    def _with_lattice(self, query: Query, opposite: Query, room: float) -> Query:
         lattice = Lattice.of(
             self._field,
             self._scenario.vehicle,
@@ -81,6 +84,7 @@ class Arena:
             query.holonomic,
             opposite.holonomic,
             self._region,
+            room,
             self._budget,
         )
         return replace(query, lattice=lattice)
@@ -96,10 +100,10 @@ class Arena:
         """Whether the holonomic heuristic proves that there is no path, or there was no time to compute it."""
         return math.isinf(self.way)
 
-    @property
-    def knows_way(self) -> bool:
-        """Whether the lattices have a way for the car."""
-        return all(query.lattice is not None and query.lattice.knows_way for query in self._queries_with_lattice)
+    def knows_way(self, room: float) -> bool:
+        """Whether the lattices of states with some room [m] have a way for the car."""
+        queries = self._queries_with_lattice(room)
+        return all(query.lattice is not None and query.lattice.knows_way for query in queries)
 
     @cached_property
     def encloses_an_end(self) -> bool:
@@ -108,10 +112,12 @@ class Arena:
 
     def run(self, stage: Stage) -> Run:
         """Search at one stage."""
-        queries = self._queries_with_lattice if stage.lattice else self._queries
+        queries = self._queries if stage.room is None else self._queries_with_lattice(stage.room)
         test, resolution = self.test(stage), resolution_of(self._options, stage)
         searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
-        most = max(stage.expansions, math.ceil(PER_METRE * self.way)) if stage.lattice else stage.expansions
+        most = stage.expansions
+        if stage.room is not None and self.knows_way(stage.room):
+            most = max(most, math.ceil(PER_METRE * self.way))
         outcome = _take_turns(searches, most, self._budget)
         exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
         return Run(outcome, _best(searches), test, sum(one.expansions for one in searches), exhausted)

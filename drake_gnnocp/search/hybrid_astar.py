@@ -3,8 +3,9 @@ r"""Hybrid A*: a collision-free path with gears among exact polygons (Dolgov et 
 Two searches take turns, one from the start and one from the goal: the car's kinematics is reversible, and getting out
 of a slot is much easier to search than getting in. Heading cells of 45 degrees (the paper's) are coarse. When both
 searches end without a path, or take too many expansions, the next stage of `SCHEDULE` looks with finer headings,
-shorter motion primitives, a smaller safety margin and the better heuristic of `lattice`. The path is then shortened,
-see `shortcut`.
+shorter motion primitives, a smaller safety margin and the better heuristic of `lattice`. That one takes gaps for ways
+that are too tight to be driven through, so one stage looks early for a way that has some room everywhere. The path is
+then shortened, see `shortcut`.
 
 Every stage searches first the surroundings of start and goal, then the whole map, where that is more; see `regions`.
 A region in which the holonomic heuristic proves that there is no way is left out.
@@ -119,16 +120,19 @@ def direct(scenario: Scenario, options: HybridAStarOptions = DEFAULT_OPTIONS) ->
 
 
 def _in_order(arenas: Sequence[Arena], stage: Stage) -> Iterator[Arena]:
-    """The arenas that a stage searches: without lattices the first, with them those that seem to have a way first."""
+    """The arenas that a stage searches, those that seem to have a way first.
+
+    Without lattices that is the first one, with those of states with room only those that have a way.
+    """
     possible = (arena for arena in arenas if not arena.has_no_way)
-    if not stage.lattice:
+    if stage.room is None:
         yield from islice(possible, 1)
         return
     later = []
     for arena in possible:
-        if arena.knows_way:
+        if arena.knows_way(stage.room):
             yield arena
-        else:
+        elif stage.room == 0.0:
             later.append(arena)
     yield from later
 

@@ -29,6 +29,7 @@ from drake_gnnocp.vehicle import Vehicle
 HEADINGS = 16
 CHANGE = 1e-3  # m, smaller changes do not go on
 DETOUR_FACTOR, DETOUR_EXTRA = 1.3, 60.0  # m: longer ways of the disc are left out where a shorter one leads
+END_RADIUS = 1.5  # lengths of the car: so near to an end a state needs no more room than the car
 WITHOUT_WAY_FACTOR = 2.0  # where the lattice knows no way: this many times the disc's way ...
 WITHOUT_WAY_EXTRA = 10.0  # m, ... and this
 
@@ -53,6 +54,7 @@ class Lattice:
         holonomic: HolonomicHeuristic,
         from_root: HolonomicHeuristic,
         region: Box,
+        room: float,
         budget: Budget,
     ) -> Lattice:
         """Compute the lengths to a target pose (3,) on the grid of the disc's distances to it.
@@ -65,11 +67,13 @@ class Lattice:
             holonomic: the disc's distances to the target.
             from_root: and to the root.
             region: xmin, xmax, ymin, ymax, which the car does not leave [m].
+            room: what the circles have around them [m], except near both ends.
             budget: where it ends early, lengths are too large.
         """
         through = holonomic.values + from_root.values  # length of the disc's shortest way through a cell
         is_detour = through > DETOUR_FACTOR * through.min() + DETOUR_EXTRA
-        blocked = _blocked(field, vehicle, holonomic, region)
+        is_near = np.minimum(holonomic.values, from_root.values) < END_RADIUS * vehicle.length
+        blocked = _blocked(field, vehicle, holonomic, region, np.where(is_near, 0.0, room))
         end, moves = _state(target, holonomic), _moves(holonomic.cell, vehicle.turning_radius)
         values = _lengths(blocked | is_detour, end, moves, budget)
         knows_way = _leads(values, _state(root, holonomic))
@@ -103,13 +107,16 @@ def _leads(values: np.ndarray, state: tuple[int, int, int]) -> bool:
     return bool(np.isfinite(around[:, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]).any())
 
 
-def _blocked(field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeuristic, region: Box) -> np.ndarray:
-    """States whose inscribed circles hit an obstacle or leave the region: (HEADINGS, nx, ny)."""
+def _blocked(
+    field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeuristic, region: Box, room: np.ndarray
+) -> np.ndarray:
+    """States whose inscribed circles have less than some room (nx, ny) [m], or leave the region: (HEADINGS, nx, ny)."""
     widest = pooled(field.values)
     nx, ny = widest.shape
     x = holonomic.xmin + (np.arange(nx) + 0.5) * holonomic.cell
     y = holonomic.ymin + (np.arange(ny) + 0.5) * holonomic.cell
     half_width = 0.5 * vehicle.width
+    least = half_width + np.maximum(0.5 * field.half_diagonal, room)  # in-between headings need some
     first, last = half_width - vehicle.rear_hang, vehicle.wheelbase + vehicle.front_hang - half_width
     blocked = np.zeros((HEADINGS, nx, ny), dtype=bool)
     for k in range(HEADINGS):
@@ -117,7 +124,7 @@ def _blocked(field: DistanceField, vehicle: Vehicle, holonomic: HolonomicHeurist
         for along in np.linspace(first, last, math.ceil(max(last - first, 0.0) / half_width) + 1):
             i = np.clip(((x + along * math.cos(angle) - holonomic.xmin) / holonomic.cell).astype(int), 0, nx - 1)
             j = np.clip(((y + along * math.sin(angle) - holonomic.ymin) / holonomic.cell).astype(int), 0, ny - 1)
-            blocked[k] |= widest[np.ix_(i, j)] < half_width + 0.5 * field.half_diagonal  # room for in-between headings
+            blocked[k] |= widest[np.ix_(i, j)] < least
             inside = [
                 np.abs(centres - 0.5 * (low + high)) < 0.5 * (high - low) - half_width + 0.5 * holonomic.cell
                 for centres, low, high in (

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from functools import partial
 
+import numpy as np
+
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.collision import FootprintTest
@@ -20,6 +22,7 @@ from drake_gnnocp.search.reeds_shepp import path_length
 CUT_EVERY = (2.0, 1.1)  # m, most between two cuts, in each round
 MOST_CUTS = 24  # long paths are cut less often: pairs of cuts are tried
 CANDIDATES = 3  # Reeds-Shepp paths tried for one piece
+REACH = 60.0  # m, longest run that is replaced: the work grows with the length of the path, not with its square
 GAIN = 0.05  # m, smaller improvements are left
 
 
@@ -42,11 +45,13 @@ def shortened(scenario: Scenario, moves: list[Move], test: FootprintTest, costs:
 def _round(scenario: Scenario, pieces: list[Move], test: FootprintTest, costs: Costs, budget: Budget) -> list[Move]:
     """Replace the longest run of pieces that can be, from the start on, and go on behind it."""
     cuts, radius = joints(scenario.start, pieces), scenario.vehicle.turning_radius
+    along = np.cumsum([0.0, *(abs(piece.length) for piece in pieces)])
+    farthest = np.maximum(np.searchsorted(along, along[:-1] + REACH, side="right") - 1, np.arange(len(pieces)) + 1)
     result: list[Move] = []
     first = 0
     while first < len(pieces):
         past, new = first + 1, pieces[first : first + 1]
-        for last in range(len(pieces), first + 1, -1):
+        for last in range(int(farthest[first]), first + 1, -1):
             if budget.is_over:
                 return merged(result + pieces[first:])
             # the changes of gear and steering at both ends count as well

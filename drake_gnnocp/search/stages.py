@@ -9,6 +9,7 @@ from drake_gnnocp.search.moves import Costs
 
 TIGHT_POSITION = 0.07  # m, side of a cell around an end where every motion primitive is blocked
 TIGHT_HEADING = 0.066  # rad, heading cell there: a move of 0.2 m at full lock turns the car by one cell
+ROOM = 0.4  # m, around the car on a way that is no squeeze
 
 
 @dataclass(frozen=True)
@@ -20,20 +21,21 @@ class Stage:
     length: float  # factor of the length of the motion primitives
     margin: float  # factor of the safety margin
     tight: float  # factor of TIGHT_POSITION and TIGHT_HEADING
-    lattice: bool  # whether to use the better, slower heuristic
+    room: float | None  # m, what the states of the better, slower heuristic have around the car; None without it
     expansions: int  # most expansions of each of the two searches
 
 
 SCHEDULE = (
-    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=1.0, lattice=False, expansions=150),
-    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=0.6, lattice=True, expansions=500),
-    Stage(position=1.0, heading=1 / 3, length=0.7, margin=0.6, tight=0.3, lattice=True, expansions=1500),
-    Stage(position=1.0, heading=1 / 6, length=0.5, margin=0.25, tight=0.3, lattice=True, expansions=3000),
-    Stage(position=0.7, heading=1 / 9, length=0.4, margin=0.08, tight=0.3, lattice=True, expansions=15000),
-    Stage(position=0.5, heading=1 / 15, length=0.3, margin=0.04, tight=0.2, lattice=True, expansions=30000),
+    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=1.0, room=None, expansions=150),
+    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=0.6, room=0.0, expansions=500),
+    Stage(position=1.0, heading=1.0, length=1.0, margin=1.0, tight=0.6, room=ROOM, expansions=500),
+    Stage(position=1.0, heading=1 / 3, length=0.7, margin=0.6, tight=0.3, room=0.0, expansions=1500),
+    Stage(position=1.0, heading=1 / 6, length=0.5, margin=0.25, tight=0.3, room=0.0, expansions=3000),
+    Stage(position=0.7, heading=1 / 9, length=0.4, margin=0.08, tight=0.3, room=0.0, expansions=15000),
+    Stage(position=0.5, heading=1 / 15, length=0.3, margin=0.04, tight=0.2, room=0.0, expansions=30000),
 )
 # after a stage that exhausted the states of an end, where they are not few: long moves are worth more than fine cells
-CONFINED = Stage(position=1.0, heading=1 / 6, length=1.0, margin=0.04, tight=0.3, lattice=True, expansions=3000)
+CONFINED = Stage(position=1.0, heading=1 / 6, length=1.0, margin=0.04, tight=0.3, room=0.0, expansions=3000)
 
 
 @dataclass(frozen=True)
