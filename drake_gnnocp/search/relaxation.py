@@ -34,6 +34,7 @@ def relax(
     """
     plane, reach = len(values) // len(offsets), float(lengths.max())
     is_waiting, waiting = np.zeros(len(values), dtype=bool), front
+    last_place = np.empty(len(values), dtype=np.intp)
     while len(waiting) and not budget.is_over:
         # those that are much farther may still be reached by shorter ways
         is_next = values[waiting] <= values[waiting].min() + reach
@@ -47,6 +48,9 @@ def relax(
         np.minimum.at(values, before, length)
         is_waiting[front] = False
         changed = before[length < old - least_change]
-        fresh = np.unique(changed[~is_waiting[changed]])
+        fresh = changed[~is_waiting[changed]]
+        place = np.arange(len(fresh))
+        last_place[fresh] = place  # each state once, and sorted: this is faster than np.unique
+        fresh = np.sort(fresh[last_place[fresh] == place])
         is_waiting[fresh] = True
         waiting = np.concatenate([waiting, fresh])
