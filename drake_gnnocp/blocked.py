@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import shapely
@@ -61,8 +62,17 @@ class Blocked:
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> Blocked:
         """The same with other coordinates, which `change` gives for coordinates (N, 2)."""
         polygons, covers = shapely.transform(self.polygons, change), shapely.transform(self.covers, change)
-        parts = tuple(tuple(change(ring) for ring in rings) for rings in self.parts)
-        return Blocked(polygons, covers, parts, self.is_larger)
+        return Blocked(polygons, covers, tuple(_changed(self.parts, change)), self.is_larger)
+
+
+def _changed(parts: Sequence[Parts], change: Callable[[np.ndarray], np.ndarray]) -> Iterator[Parts]:
+    """Parts with other coordinates, changed at once."""
+    rings = [ring for those in parts for ring in those]
+    if rings:
+        changed = change(np.concatenate(rings))
+        rings = np.split(changed, np.cumsum([len(ring) for ring in rings])[:-1])
+    one = iter(rings)
+    return (tuple(islice(one, len(those))) for those in parts)
 
 
 def outline_of(polygons: np.ndarray, gap: float) -> shapely.MultiLineString:

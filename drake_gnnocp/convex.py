@@ -24,7 +24,14 @@ ROUNDS = 40  # of leaving out vertices
 
 
 def convex_parts_of(polygons: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-    """What `convex_parts` gives for each of many polygons (B,); those that plainly are convex are seen at once."""
+    """Split each of many polygons (B,) into convex parts that cover it exactly.
+
+    The constrained Delaunay triangles of a polygon are merged across shared edges as long as the union stays convex
+    (Hertel and Mehlhorn 1983: at most four times the least number of parts). No vertices are added.
+
+    Returns:
+        Of each polygon, convex rings, each (M, 2) and counter-clockwise [m].
+    """
     if not len(polygons):
         return ()
     counts = shapely.get_num_points(shapely.get_exterior_ring(polygons)) - 1  # a ring's last point is its first one
@@ -37,37 +44,54 @@ def convex_parts_of(polygons: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     lowest, highest = np.full(len(polygons), np.inf), np.full(len(polygons), -np.inf)
     np.minimum.at(lowest, owners, turns)
     np.maximum.at(highest, owners, turns)
-    is_plain = (
-        ((lowest > 0) | (highest < 0)) & (counts <= MOST_VERTICES) & (shapely.get_num_interior_rings(polygons) == 0)
-    )
+    has_holes = shapely.get_num_interior_rings(polygons) > 0
+    is_plain = ((lowest > 0) | (highest < 0)) & (counts <= MOST_VERTICES) & ~has_holes
     is_plain[owners[np.abs(steps).max(axis=1) <= SAME_POINT]] = False
+    plainly = np.maximum(PLAIN_TURN, CONVEX_TOLERANCE * shapely.length(polygons) ** 2)
+    is_split = has_holes | (np.minimum(highest, -lowest) > plainly)  # turns both ways
     rings = np.split(corners, np.cumsum(counts)[:-1])
-    return tuple(
-        (ring if turn > 0 else ring[::-1],) if plain else tuple(convex_parts(polygon))
-        for polygon, ring, plain, turn in zip(polygons, rings, is_plain, lowest, strict=True)
-    )
+    parts: list[tuple[np.ndarray, ...]] = []
+    for i, ring in enumerate(rings):
+        if not is_plain[i] and not is_split[i]:
+            ring = clean_ring(ring)
+            is_split[i] = not _is_convex(ring.tolist())
+            parts.append(() if is_split[i] else tuple(_of_few_vertices(ring)))
+        else:
+            parts.append((ring if lowest[i] > 0 else ring[::-1],))
+    if is_split.any():
+        for i, those in zip(np.flatnonzero(is_split).tolist(), _split(polygons[is_split]), strict=True):
+            parts[i] = those
+    return tuple(parts)
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
-    """Split a polygon into convex parts that cover it exactly.
+    """Split a polygon into convex parts: what `convex_parts_of` gives for one."""
+    return list(convex_parts_of(np.array([polygon]))[0])
 
-    The constrained Delaunay triangles of the polygon are merged across shared edges as long as the union stays convex
-    (Hertel and Mehlhorn 1983: at most four times the least number of parts). No vertices are added.
 
-    Returns:
-        Convex rings, each (M, 2) and counter-clockwise [m].
-    """
-    ring = clean_ring(np.asarray(polygon.exterior.coords)[:-1])
-    if not polygon.interiors and _is_convex(ring.tolist()):
-        return _of_few_vertices(ring)
-    triangles = shapely.get_coordinates(shapely.constrained_delaunay_triangles(polygon)).reshape(-1, 4, 2)[:, :3]
-    vertices, ids = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
+def _split(polygons: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    """The convex parts of polygons (B,) that are not convex."""
+    triangles, owners = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    vertices, ids = _numbered(corners.reshape(-1, 2), np.repeat(owners, 3))
     ids = ids.reshape(-1, 3)
-    (x, y), (u, v) = (triangles[:, 1] - triangles[:, 0]).T, (triangles[:, 2] - triangles[:, 0]).T
+    (x, y), (u, v) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     is_clockwise = x * v - y * u <= 0
     ids[is_clockwise] = ids[is_clockwise, ::-1]
-    parts = ids.tolist()
-    return [few for part in _merge_convex(parts, vertices) for few in _of_few_vertices(vertices[part])]
+    parts: list[list[np.ndarray]] = [[] for _ in polygons]
+    for triangle, part in _merge_convex(ids, vertices):
+        parts[owners[triangle]] += _of_few_vertices(vertices[part])
+    return [tuple(those) for those in parts]
+
+
+def _numbered(points: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different points (N, 2) of every owner (N,), in their order: (V, 2), and which of them each is: (N,)."""
+    order = np.lexsort([points[:, 1], points[:, 0], owners])
+    ordered = np.column_stack([owners, points])[order]
+    is_new = np.append(True, (np.diff(ordered, axis=0) != 0).any(axis=1))
+    numbers = np.empty(len(points), dtype=np.intp)
+    numbers[order] = np.cumsum(is_new) - 1
+    return points[order[is_new]], numbers
 
 
 def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
@@ -81,44 +105,66 @@ def _of_few_vertices(ring: np.ndarray) -> list[np.ndarray]:
     return [piece for piece in pieces if signed_area(piece) > SMALLEST_AREA]  # vertices may be on one line
 
 
-def _merge_convex(parts: list[list[int]], vertices: np.ndarray) -> list[list[int]]:
-    """Merge parts, counter-clockwise vertex ids each, across every inner edge that convexity does not need.
+def _merge_convex(triangles: np.ndarray, vertices: np.ndarray) -> list[tuple[int, list[int]]]:
+    """Merge triangles (T, 3), counter-clockwise, across every inner edge that convexity does not need.
 
-    One pass is enough: a merge only widens the angles at the ends of the edges that are left.
+    One pass is enough: a merge only widens the angles at the ends of the edges that are left. Every triangle has three
+    half edges, each of which knows the next and the previous one around its part, and its twin in the part beyond.
+
+    Returns:
+        Of every part one triangle, and its vertices, counter-clockwise; both by number.
     """
-    parts, points = list(parts), vertices.tolist()
-    owner = {edge: i for i, part in enumerate(parts) for edge in _edges(part)}
-    for u, v in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
-        i, j = owner[u, v], owner[v, u]
-        turn = _sharpest_turn(parts[i], parts[j], (u, v), points)
-        if turn < -PLAIN_TURN:
-            continue
-        union = _union_across_edge(parts[i], parts[j], (u, v))
-        if turn >= 0 or _is_convex([points[k] for k in union]):
-            owner.update({edge: i for edge in _edges(parts[j])})
-            parts[i], parts[j] = union, []
-    return [part for part in parts if part]
+    tails, points = triangles.ravel().tolist(), vertices.tolist()
+    heads, twin_of = triangles[:, [1, 2, 0]].ravel(), _twins(triangles, len(vertices))
+    twins, inner = twin_of.tolist(), np.flatnonzero((twin_of >= 0) & (triangles.ravel() < heads)).tolist()
+    around = np.arange(len(tails)).reshape(-1, 3)
+    nexts, befores = around[:, [1, 2, 0]].ravel().tolist(), around[:, [2, 0, 1]].ravel().tolist()
+    taken_by = list(range(len(triangles)))  # the part that took a triangle's, or a triangle whose part did
+    firsts = list(range(0, len(tails), 3))  # the half edge that a part begins with
+
+    def part_of(triangle: int) -> int:
+        while taken_by[triangle] != triangle:
+            taken_by[triangle] = triangle = taken_by[taken_by[triangle]]
+        return triangle
+
+    def others(edge: int) -> list[int]:
+        """The tails of the other half edges of a part, from the next one on."""
+        found, other = [], nexts[edge]
+        while other != edge:
+            found.append(tails[other])
+            other = nexts[other]
+        return found
+
+    for edge in inner:
+        twin = twins[edge]
+        joined = ((befores[edge], nexts[twin]), (befores[twin], nexts[edge]))
+        sharpest = math.inf  # cross product of the edges that would meet
+        for one, other in joined:
+            (ax, ay), (bx, by), (cx, cy) = points[tails[one]], points[tails[other]], points[tails[nexts[other]]]
+            sharpest = min(sharpest, (bx - ax) * (cy - by) - (by - ay) * (cx - bx))
+        if sharpest >= 0 or (
+            sharpest >= -PLAIN_TURN and _is_convex([points[vertex] for vertex in others(edge) + others(twin)])
+        ):
+            for one, other in joined:
+                nexts[one], befores[other] = other, one
+            part = part_of(edge // 3)
+            taken_by[part_of(twin // 3)], firsts[part] = part, nexts[edge]
+    return [
+        (part, [tails[first], *others(first)])
+        for part, (owner, first) in enumerate(zip(taken_by, firsts, strict=True))
+        if owner == part
+    ]
 
 
-def _sharpest_turn(first: list[int], second: list[int], edge: tuple[int, int], points: list[list[float]]) -> float:
-    """The smaller cross product of the edges that meet at both ends of one that is taken out of two parts."""
-    turns = []
-    for one, other, corner in ((first, second, edge[0]), (second, first, edge[1])):
-        (ax, ay), (bx, by) = points[one[one.index(corner) - 1]], points[corner]
-        cx, cy = points[other[(other.index(corner) + 1) % len(other)]]
-        turns.append((bx - ax) * (cy - by) - (by - ay) * (cx - bx))
-    return min(turns)
-
-
-def _edges(part: list[int]) -> list[tuple[int, int]]:
-    return list(zip(part, [*part[1:], part[0]], strict=True))
-
-
-def _union_across_edge(first: list[int], second: list[int], edge: tuple[int, int]) -> list[int]:
-    """Join two counter-clockwise rings of vertex ids; the edge (u, v) is one of the first, (v, u) of the second."""
-    u, v = edge
-    i, j = first.index(v), second.index(u)  # from v around the first to u, then around the second back to v
-    return first[i:] + first[:i] + (second[j:] + second[:j])[1:-1]
+def _twins(triangles: np.ndarray, n: int) -> np.ndarray:
+    """Of every half edge of triangles (T, 3) of n vertices the one that runs back along it: (3 T,), -1 without one."""
+    tails, heads = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    edges = np.minimum(tails, heads) * n + np.maximum(tails, heads)
+    order = np.argsort(edges, kind="stable")
+    pairs = np.flatnonzero(np.diff(edges[order]) == 0)
+    twins = np.full(len(edges), -1)
+    twins[order[pairs]], twins[order[pairs + 1]] = order[pairs + 1], order[pairs]
+    return twins
 
 
 def _is_convex(ring: list[list[float]]) -> bool:

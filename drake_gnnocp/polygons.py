@@ -66,6 +66,16 @@ def polygons_from(rings: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(rings), indices=owners)))
 
 
+def padded_rings(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """J rings (N, 2) as arrays: vertices, the last of each repeated to M, (J, M, 2); which are not repeated, (J, M)."""
+    counts = np.array([len(ring) for ring in rings], dtype=int)
+    place = np.arange(counts.max(initial=1))
+    if not len(rings):
+        return np.empty((0, 1, 2)), np.empty((0, 1), dtype=bool)
+    vertex = (np.cumsum(counts) - counts)[:, None] + np.minimum(place, counts[:, None] - 1)
+    return np.concatenate(rings)[vertex], place < counts[:, None]
+
+
 def edges_of(rings: Sequence[np.ndarray]) -> np.ndarray:
     """The edges of one or more rings (N, 2) ring by ring: (E, 2, 2) from and to [m]."""
     corners = np.concatenate(rings)

@@ -1,4 +1,4 @@
-"""Covers of polygons: larger by no more than they may, with fewer vertices; planners take them where there are many."""
+"""Convex parts of many polygons at once; covers of polygons, which planners take where there are many vertices."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import shapely
 
 from drake_gnnocp import Scenario, plan
 from drake_gnnocp.blocked import FEW_VERTICES
-from drake_gnnocp.convex import cover
+from drake_gnnocp.convex import convex_parts, convex_parts_of, cover
 from drake_gnnocp.maps.grid_outlines import outlines
 from drake_gnnocp.maps.occupancy_grid import Grid
 
@@ -20,6 +20,29 @@ def wall_on_a_grid(angle: float, side: float) -> shapely.Polygon:
     along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
     grid = Grid((np.abs(along) < 3.0) & (np.abs(across) < 0.2), side, np.array([-4.0, -4.0, 0.0]))
     return max(outlines(grid), key=lambda polygon: polygon.area)
+
+
+def random_region(seed: int) -> list[shapely.Polygon]:
+    """Polygons that do not touch, some with holes, of a grid whose cells are occupied at random."""
+    occupied = np.random.default_rng(seed).random((24, 24)) < 0.6
+    return list(outlines(Grid(occupied, 0.5, np.array([-6.0, 7.0, 0.3 * seed]))))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_polygons_are_cut_into_convex_parts_that_cover_them_exactly_many_at_once_like_each_alone(seed: int) -> None:
+    polygons = np.array(random_region(seed))
+    assert len(polygons) > 5 and any(len(polygon.interiors) for polygon in polygons)
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons))
+    assert sum(map(len, convex_parts_of(polygons))) < 0.6 * len(triangles)
+    for polygon, rings in zip(polygons, convex_parts_of(polygons), strict=True):
+        alone = convex_parts(polygon)
+        assert all(np.array_equal(one, other) for one, other in zip(rings, alone, strict=True))
+        parts = np.array([shapely.Polygon(ring) for ring in rings])
+        assert shapely.area(parts).sum() == pytest.approx(polygon.area) and all(part.exterior.is_ccw for part in parts)
+        assert shapely.area(shapely.convex_hull(parts)) == pytest.approx(shapely.area(parts), abs=1e-9)
+        assert shapely.symmetric_difference(shapely.union_all(parts), polygon).area < 1e-9
+        corners = {tuple(corner) for corner in shapely.get_coordinates(polygon)}
+        assert all(tuple(corner) in corners for ring in rings for corner in ring)  # no vertices are added
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.1, np.pi / 4, 1.0, 2.3])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ import shapely
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
-from drake_gnnocp.search import hybrid_astar
+from drake_gnnocp.search import arena, hybrid_astar
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.search.graph_search import CLOCK_EVERY
 from drake_gnnocp.search.heuristic import HolonomicHeuristic
 from drake_gnnocp.search.hybrid_astar import SearchResult, search
+from drake_gnnocp.search.lattice import Lattice
 from drake_gnnocp.search.moves import Costs
 from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.search.reeds_shepp import path_length
@@ -241,6 +243,27 @@ def test_a_long_way_around_is_found(bounds: tuple[float, float, float, float] | 
     wall = box(0.0, 0.0, 120.0, 0.4)
     task = scenario((0.0, -5.0, 0.0), (0.0, 5.0, 0.0), wall, bounds=bounds)
     assert_sound(task, search(task, UNLIMITED))
+
+
+def test_on_a_long_way_one_search_goes_first_and_the_other_begins_where_that_finds_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    roots = []
+
+    def spied(*given: Any) -> Lattice:
+        roots.append(given[2][1])
+        return lattice_of(*given)
+
+    lattice_of = Lattice.of
+    monkeypatch.setattr(Lattice, "of", spied)
+    walls = [box(0.0, 0.0, 200.0, 0.4), box(0.0, 17.0, 8.0, 0.4), box(0.0, 13.0, 8.0, 0.4)]  # the goal has some behind
+    task = scenario((0.0, -5.0, 0.0), (0.0, 15.0, 0.0), *walls)
+    assert_sound(task, search(task, UNLIMITED, first_stage=1))
+    assert roots == [15.0]  # from the goal alone, where the car has less room
+    roots.clear()
+    monkeypatch.setattr(arena, "PER_METRE_ALONE", 0.0)
+    assert_sound(task, search(task, UNLIMITED, first_stage=1))
+    assert roots == [15.0, -5.0]
 
 
 def test_a_car_too_wide_for_the_near_gate_takes_the_far_way() -> None:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from drake_gnnocp.polygons import polygons_from
+from drake_gnnocp.polygons import padded_rings, polygons_from
 
 SHORTEST_EDGE = 1e-9  # m, shorter edges are repeated vertices
 MOST_OF_A_KNOT = 200  # pairs: what more of them asks for, the answers to the check find
@@ -43,10 +43,7 @@ class Obstacles:
     @classmethod
     def of(cls, rings: Sequence[np.ndarray]) -> Obstacles:
         """The obstacles, convex rings (M_j, 2) [m]."""
-        counts = np.array([len(ring) for ring in rings], dtype=int)
-        most = int(counts.max(initial=1))
-        vertices = np.array([padded(ring, most) for ring in rings]).reshape(-1, most, 2)
-        return cls(vertices, np.arange(most) < counts[:, None])
+        return cls(*padded_rings(rings))
 
     def __len__(self) -> int:
         return len(self.vertices)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import takewhile
+from operator import itemgetter
 
 import numpy as np
 
@@ -27,6 +28,8 @@ SMALLEST_CELL = 0.2  # m
 LARGE_CELL = 0.4  # m ... up to this size, in which the lattice still sees the gaps that the car fits through ...
 MOST_CELLS = 1_000_000  # ... and beyond it in the largest
 PER_METRE = 10  # expansions of one search for a metre of the way, where lattices know one
+LONG_WAY = 100.0  # m: lattices of longer ones take so much time that one search goes first ...
+PER_METRE_ALONE = 3  # ... with so many expansions for a metre of the way; most need half of them
 FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
 
@@ -50,7 +53,7 @@ class Arena:
     ) -> None:
         self._scenario, self._region, self._cells = scenario, region, cells
         self._options, self._budget = options, budget
-        self._queries_by_room: dict[float, list[Query]] = {}
+        self._with_lattice: dict[tuple[int, float], Query] = {}
 
     @cached_property
     def _field(self) -> DistanceField:
@@ -68,26 +71,25 @@ class Arena:
     def _queries(self) -> list[Query]:
         return _queries(self._scenario, self._field, self._budget)
 
-    def _queries_with_lattice(self, room: float) -> list[Query]:
-        if room not in self._queries_by_room:
-            from_start, from_goal = self._queries
-            pairs = ((from_start, from_goal), (from_goal, from_start))
-            self._queries_by_room[room] = [self._with_lattice(query, other, room) for query, other in pairs]
-        return self._queries_by_room[room]
-
-    def _with_lattice(self, query: Query, opposite: Query, room: float) -> Query:
-        lattice = Lattice.of(
-            self._field,
-            self._scenario.vehicle,
-            query.root,
-            query.target,
-            query.holonomic,
-            opposite.holonomic,
-            self._region,
-            room,
-            self._budget,
-        )
-        return replace(query, lattice=lattice)
+    def _query(self, which: int, room: float | None) -> Query:
+        """What the search from the start, 0, or the goal, 1, is asked, with a lattice of states with some room [m]."""
+        query, opposite = self._queries[which], self._queries[1 - which]
+        if room is None:
+            return query
+        if (which, room) not in self._with_lattice:
+            lattice = Lattice.of(
+                self._field,
+                self._scenario.vehicle,
+                query.root,
+                query.target,
+                query.holonomic,
+                opposite.holonomic,
+                self._region,
+                room,
+                self._budget,
+            )
+            self._with_lattice[which, room] = replace(query, lattice=lattice)
+        return self._with_lattice[which, room]
 
     @cached_property
     def way(self) -> float:
@@ -102,8 +104,17 @@ class Arena:
 
     def knows_way(self, room: float) -> bool:
         """Whether the lattices of states with some room [m] have a way for the car."""
-        queries = self._queries_with_lattice(room)
-        return all(query.lattice is not None and query.lattice.knows_way for query in queries)
+        lattices = [self._query(which, room).lattice for which in self._at_first]
+        return all(lattice is not None and lattice.knows_way for lattice in lattices)
+
+    @cached_property
+    def _at_first(self) -> tuple[int, ...]:
+        """Which searches a stage with lattices begins with.
+
+        Both, or where the way is long the one from the end that is nearer to obstacles: getting out of a slot is
+        easier than getting in.
+        """
+        return (0, 1) if self.way < LONG_WAY else (int(np.argmin(self._scenario.nearest_at_ends)),)
 
     @cached_property
     def encloses_an_end(self) -> bool:
@@ -112,15 +123,23 @@ class Arena:
 
     def run(self, stage: Stage) -> Run:
         """Search at one stage."""
-        queries = self._queries if stage.room is None else self._queries_with_lattice(stage.room)
         test, resolution = self.test(stage), resolution_of(self._options, stage)
-        searches = [GraphSearch(query, test, *self._common, resolution) for query in queries]
-        most = stage.expansions
+        searches: dict[int, GraphSearch] = {}
+
+        def begin(which: int) -> GraphSearch:
+            if which not in searches:
+                searches[which] = GraphSearch(self._query(which, stage.room), test, *self._common, resolution)
+            return searches[which]
+
+        most, outcome = stage.expansions, Outcome.PAUSED
         if stage.room is not None and self.knows_way(stage.room):
             most = max(most, math.ceil(PER_METRE * self.way))
-        outcome = _take_turns(searches, most, self._budget)
-        exhausted = tuple(one.expansions if one.is_exhausted else 0 for one in searches)
-        return Run(outcome, _best(searches), test, sum(one.expansions for one in searches), exhausted)
+            if len(self._at_first) == 1:
+                outcome = begin(self._at_first[0]).run(math.ceil(PER_METRE_ALONE * self.way), self._budget)
+        if outcome is not Outcome.OUT_OF_TIME and all(one.best is None for one in searches.values()):
+            outcome = _take_turns([begin(0), begin(1)], most, self._budget)
+        exhausted = tuple(searches[k].expansions if k in searches and searches[k].is_exhausted else 0 for k in (0, 1))
+        return Run(outcome, _best(searches), test, sum(one.expansions for one in searches.values()), exhausted)
 
     def few_states(self, exhausted: tuple[int, ...]) -> int:
         """How many states there are at the finest resolution from an end whose states a stage exhausted.
@@ -182,11 +201,10 @@ def _take_turns(searches: Sequence[GraphSearch], most: int, budget: Budget) -> O
     return Outcome.FINISHED
 
 
-def _best(searches: Sequence[GraphSearch]) -> list[Move] | None:
-    from_start, from_goal = searches
-    if from_start.best is None and from_goal.best is None:
+def _best(searches: Mapping[int, GraphSearch]) -> list[Move] | None:
+    """The moves of the cheaper path, from the start on, of the searches from the start, 0, and the goal, 1."""
+    found = [(one.best_cost, which, one.best) for which, one in searches.items() if one.best is not None]
+    if not found:
         return None
-    if from_start.best is not None and from_start.best_cost <= from_goal.best_cost:
-        return merged(from_start.best)
-    assert from_goal.best is not None
-    return merged(backwards(from_goal.best))
+    _, which, moves = min(found, key=itemgetter(0, 1))
+    return merged(moves if which == 0 else backwards(moves))

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from drake_gnnocp.polygons import padded_rings
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.search.distance_field import DistanceField
 from drake_gnnocp.vehicle import Vehicle
@@ -119,10 +120,7 @@ class FootprintTest:
         self._surely_free = math.hypot(0.5 * piece, 0.5 * vehicle.width) + extra + self._field.half_diagonal
 
     def _index_parts(self, parts: tuple[np.ndarray, ...]) -> None:
-        """Pad the convex rings to one length by repeating vertices: (M, V, 2)."""
-        longest = max(map(len, parts), default=0)
-        rings = [part[np.minimum(np.arange(longest), len(part) - 1)] for part in parts]
-        self._parts = np.array(rings).reshape(len(parts), longest, 2)
+        self._parts, _ = padded_rings(parts)  # (M, V, 2)
         self._tree = None
         if not len(parts):
             return
