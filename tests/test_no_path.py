@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_gnnocp import Scenario, plan
+from drake_gnnocp import Scenario, Vehicle, plan
+from drake_gnnocp.budget import Budget
 from drake_gnnocp.command_line import main
+from drake_gnnocp.search.hybrid_astar import search
 
 KINDS = 6
 Rng = np.random.Generator
@@ -109,6 +111,24 @@ def test_an_impossible_task_of_every_kind_is_refused(make: Callable[[Rng], Scena
 @pytest.mark.parametrize("seed", range(100))
 def test_a_hundred_impossible_tasks_are_refused(seed: int) -> None:
     assert_refused(MAKERS[seed % len(MAKERS)](np.random.default_rng(100 + seed)))
+
+
+SUV = Vehicle(wheelbase=3.0, front_hang=0.9, rear_hang=1.0, width=2.0, phi_max=0.58)
+VAN = Vehicle(wheelbase=3.4, front_hang=0.95, rear_hang=1.1, width=2.05, phi_max=0.62)
+
+
+@pytest.mark.parametrize("room", [0.35, 0.55])
+@pytest.mark.parametrize("vehicle", [Vehicle(), SUV, VAN], ids=["car", "suv", "van"])
+def test_a_slot_with_little_room_before_and_behind_and_a_kerb_near_by_is_no_dead_end(
+    vehicle: Vehicle, room: float
+) -> None:
+    """At the coarse resolutions a car there has some tens of states and no way out."""
+    back, front, half = -vehicle.rear_hang, vehicle.wheelbase + vehicle.front_hang, vehicle.width / 2
+    cars = [box(back - room - 5.0, back - room, -half, half), box(front + room, front + room + 5.0, -half, half)]
+    street = [box(-15.0, 18.0, -half - 0.3, -half - 0.1), box(-15.0, 18.0, half + 3.6, half + 3.8)]
+    goal = np.array([-front - room, -2 * half - 0.7, 0.0])
+    task = Scenario("slot", np.zeros(3), goal, tuple(ring + goal[:2] for ring in cars + street), vehicle=vehicle)
+    assert search(task.in_car_lengths, Budget.unlimited()).status == "found"
 
 
 def test_the_passage_that_is_too_narrow_is_named_in_the_coordinates_of_the_task() -> None:

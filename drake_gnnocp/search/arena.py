@@ -30,7 +30,7 @@ MOST_CELLS = 1_000_000  # ... and beyond it in the largest
 PER_METRE = 10  # expansions of one search for a metre of the way, where lattices know one
 LONG_WAY = 100.0  # m: lattices of longer ones take so much time that one search goes first ...
 PER_METRE_ALONE = 3  # ... with so many expansions for a metre of the way; most need half of them
-FEW_STATES = 1500  # expansions at the finest resolution, to see whether the states of an end are exhausted
+FEW_STATES = 500  # expansions at the finest resolution, to see whether the states of an end are exhausted
 LEAST_CLEARANCE = 0.05  # m, at an end: where there is less, moves too small for any of these resolutions may help
 
 
@@ -144,12 +144,13 @@ class Arena:
     def few_states(self, exhausted: tuple[int, ...]) -> int:
         """How many states there are at the finest resolution from an end whose states a stage exhausted.
 
-        0 where they are not few, or where the finest resolution is not fine enough to tell.
+        0 where they are not few, or where the finest resolution is not fine enough to tell. In a slot in which the car
+        shuffles out by moves of a few centimetres, it is so in fine cells only.
         """
         finest = resolution_of(self._options, SCHEDULE[-1])
         for query, at_stage, nearest in zip(self._queries, exhausted, self._scenario.nearest_at_ends, strict=True):
             if at_stage and nearest > LEAST_CLEARANCE:
-                one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest)
+                one = GraphSearch(query, self.test(SCHEDULE[-1]), *self._common, finest, fine=True)
                 if one.run(FEW_STATES, self._budget) is Outcome.FINISHED and one.is_exhausted:
                     return one.expansions
         return 0

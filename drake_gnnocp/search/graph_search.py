@@ -87,6 +87,7 @@ class GraphSearch:
         turning_radius: smallest radius [m].
         costs: what a path costs.
         resolution: the grid and the motion primitives.
+        fine: whether the cells around the root are fine even where it is not tight.
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class GraphSearch:
         turning_radius: float,
         costs: Costs,
         resolution: Resolution,
+        fine: bool = False,
     ) -> None:
         self.best: list[Move] | None = None
         self.best_cost = math.inf
@@ -110,7 +112,8 @@ class GraphSearch:
         self._shapes = self._primitives.sampled(test.spacing)
         self._tight_shapes = self._primitives.sampled(min(test.spacing, TIGHT_SPACING))
         x, y, theta = map(float, query.root)
-        self.root_is_tight = bool((self._free_steps(placed(self._shapes, (x, y, theta))) < self._shapes.shape[1]).all())
+        free = self._free_steps(placed(self._shapes, (x, y, theta)))
+        self.root_is_tight = fine or bool((free < self._shapes.shape[1]).all())
         # the nodes, column by column
         self._poses: list[Pose] = []
         self._g: list[float] = []
