@@ -76,8 +76,23 @@ def test_the_program_has_the_rows_of_every_family_once(formulation: Formulation)
         defects = expected(dynamics(formulation, N_STATES))[:, 0].reshape(-1, N_STATES)[:, 3:]
         np.testing.assert_allclose(found[:, 0].reshape(2, -1).T * 100, defects, atol=SCALED)
         assert not found[:, 1:].any()
-        n_rows += len(found)
+        n_rows += len(found) + len(rows_of(nlp.program, "limits between the knots", values))
     assert n_rows == nlp.n_rows
+
+
+def test_the_points_of_control_of_v_and_phi_between_the_knots_have_rows_where_the_limits_are_near(
+    wavy: Formulation,
+) -> None:
+    knots, half = wavy.knots, wavy.step / 2
+    v, phi = (np.abs(knots[:-1, state]) + np.abs(half * knots[:-1, rate]) for state, rate in ((3, 5), (4, 6)))
+    vehicle = replace(wavy.vehicle, v_max=float(np.median(v)) / 0.45, phi_max=3.0 * float(phi.max()))
+    nlp = build(replace(wavy, vehicle=vehicle, limits_margin=0.1))
+    values, trajectory = sampled(nlp)
+    near = np.flatnonzero(v > 0.5 * 0.9 * vehicle.v_max)
+    assert 0 < len(near) < len(v) - 1
+    rows = rows_of(nlp.program, "limits between", values)
+    np.testing.assert_allclose(rows[:, 0], (trajectory.states[:, 3] + half * trajectory.inputs[:, 0])[near])
+    np.testing.assert_allclose(rows[:, 1:], np.tile(0.9 * vehicle.v_max * np.array([-1.0, 1.0]), (len(near), 1)))
 
 
 def test_gradients_of_the_program_are_those_of_central_differences(formulation: Formulation) -> None:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
-from pydrake.solvers import Binding, Constraint, LinearEqualityConstraint, MathematicalProgram
+from pydrake.solvers import Binding, Constraint, LinearConstraint, LinearEqualityConstraint, MathematicalProgram
 
-from drake_gnnocp.ocp.boxes import end_place, ends, limits, trust_region
+from drake_gnnocp.ocp.boxes import end_place, ends, limits, motion_limits, trust_region
 from drake_gnnocp.ocp.costs import CostTerm, cost_terms
 from drake_gnnocp.ocp.dynamics import INTEGRATED, POSE_ROWS, dynamics
 from drake_gnnocp.ocp.formulation import Formulation
@@ -27,6 +27,7 @@ STATE_SCALE = 100.0  # program variable = state / STATE_SCALE, and those of sepa
 STEP_SCALE = 10.0  # program variable = h / STEP_SCALE
 SHORTEST_STEP, LONGEST_STEP = 0.1, 3.0  # of the reference's, where time is minimised
 IPOPT_LARGEST_GRADIENT = 100.0  # its nlp_scaling_max_gradient: larger gradients at the start make it scale the cost
+NEAR_LIMIT = 0.5  # of a limit, in the reference: what is beyond it gets rows between the knots
 KNOTS_PER_COST = 4  # dense blocks: one matrix over all inputs would cost its square in every evaluation
 KNOTS_PER_TERM = 120  # the same for other costs, which are calls of Python
 
@@ -50,8 +51,9 @@ class Nlp:
     @property
     def n_rows(self) -> int:
         """Scalar constraints, bounds on variables aside."""
-        constraints = [*self.program.generic_constraints(), *self.program.linear_equality_constraints()]
-        return sum(binding.evaluator().num_constraints() for binding in constraints)
+        program = self.program
+        linear = [*program.linear_equality_constraints(), *program.linear_constraints()]
+        return sum(binding.evaluator().num_constraints() for binding in [*program.generic_constraints(), *linear])
 
     def trajectory(self, values: np.ndarray) -> Trajectory:
         """The trajectory in the values of all decision variables."""
@@ -79,6 +81,7 @@ def build(formulation: Formulation, state_scale: float = STATE_SCALE) -> Nlp:
         rows.evaluator().set_description("place at the goal")
     if not formulation.minimum_time:
         _add_trapezoid_rule(nlp)
+        _add_limits_in_between(nlp, formulation)
     _add_rows(nlp, dynamics(formulation, N_STATES if formulation.minimum_time else POSE_ROWS))
     _add_rows(nlp, triangle_areas(formulation))
     _add_rows(nlp, separating_lines(formulation))
@@ -119,6 +122,20 @@ def _add_trapezoid_rule(nlp: Nlp) -> None:
         x, u = nlp.knots[:, state], nlp.knots[:, rate]
         for k in range(len(nlp.knots) - 1):
             nlp.program.AddConstraint(row, np.array([x[k], x[k + 1], u[k], u[k + 1]]))
+
+
+def _add_limits_in_between(nlp: Nlp, formulation: Formulation) -> None:
+    """|v_k + h a_k / 2| and the same of phi within their limits, where the reference comes near them.
+
+    Between two knots v is a parabola: it stays among v_k, v_k + h a_k / 2 and v_{k+1}, its points of control.
+    """
+    knots, half = formulation.knots, nlp.fixed_step / 2
+    for (state, rate), most in zip(INTEGRATED, motion_limits(formulation.vehicle), strict=False):
+        most = (1 - formulation.limits_margin) * most
+        row = LinearConstraint(np.array([[nlp.knot_scale[state], half]]), np.array([-most]), np.array([most]))
+        row.set_description("limits between the knots")
+        for k in np.flatnonzero(np.abs(knots[:-1, state]) + np.abs(half * knots[:-1, rate]) > NEAR_LIMIT * most):
+            nlp.program.AddConstraint(row, np.array([nlp.knots[k, state], nlp.knots[k, rate]]))
 
 
 def _add_rows(nlp: Nlp, blocks: list[RowBlock]) -> None:

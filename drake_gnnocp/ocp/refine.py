@@ -150,8 +150,9 @@ def refine(
             break
         if solve.success:
             formulation = answer(scenario, formulation, solve)
-        else:  # back to the guess as it was given
-            formulation, settings = replace(given, lines=formulation.lines), given_settings
+        else:  # back to the guess as it was given, with what the check has asked for
+            answered, settings = formulation, given_settings
+            formulation = replace(given, lines=answered.lines, limits_margin=answered.limits_margin, goal=answered.goal)
     return Refined(tuple(solves), best, _reason(solves[best].verification, solves, budget))
 
 

@@ -12,9 +12,10 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.guesses import Guess, NoGuess
 from drake_gnnocp.ocp.costs import Cost, evaluate_cost
 from drake_gnnocp.ocp.formulation import formulate
+from drake_gnnocp.ocp.ipopt import USUAL
 from drake_gnnocp.ocp.refine import Refined, Solve, counted, refine
 from drake_gnnocp.ocp.sqp import SEARCHED, SqpSteps, sqp_steps
-from drake_gnnocp.planner import many_shifts, minimum_time
+from drake_gnnocp.planner import minimum_time, tight_paths
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import PlanOptions
 from drake_gnnocp.planner.relaxed import relaxed
@@ -26,6 +27,8 @@ from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Input, State
 from drake_gnnocp.verification import Verification, verify
 
+# where SQP steps from a searched path have not converged: what is not solved soon is solved closely, and quicker
+BRIEF = replace(USUAL, max_iterations=60)
 AT_REST = "at_rest"  # the source of the guess where there is nothing to drive
 SAME_LENGTH = 1e-9  # relative: a path no longer than this over what can be driven can be driven
 
@@ -141,7 +144,7 @@ def attempt(
         budget: to stop at.
         options: see `PlanOptions`.
         steps: where SQP steps led from the guess, where they were taken to choose it.
-        closely: whether to plan as `many_shifts` does; None: where the guess has many.
+        closely: whether to plan as `tight_paths` does; None: where the guess is one.
     """
     if isinstance(guess, NoGuess):
         return Attempt(guess.source, guess.seconds, None, reason=guess.reason, no_path=guess.no_path)
@@ -153,7 +156,7 @@ def attempt(
         reason = budget.ended_before("the first solve")
     if reason:
         return Attempt(guess.source, time.monotonic() - begin, guess.trajectory, reason=reason)
-    closely = many_shifts.has_many(guess) if closely is None else closely
+    closely = tight_paths.is_tight(scenario, guess) if closely is None else closely
     start = _timed(scenario, guess, horizon, duration, slack, closely)
     seconds = time.monotonic() - begin
     minimise = isinstance(horizon, MinimumTime)
@@ -162,10 +165,11 @@ def attempt(
     exact = scenario.exact  # a tolerance at the goal comes in once there is a plan, or there is none
     formulation = formulate(exact, start, options.cost, options.margin, minimum_time=free)
     if closely:
-        formulation, steps = many_shifts.kept_near(exact, formulation), None
+        formulation, steps = tight_paths.kept_near(exact, formulation), None
     elif steps is None and options.sqp and not free:
         steps = sqp_steps(formulation, SEARCHED, budget)
-    refined = refine(exact, formulation, budget, steps)
+    settings = BRIEF if guess.path is not None and not closely and not minimise else USUAL
+    refined = refine(exact, formulation, budget, steps, settings)
     if exact is not scenario and not refined.verified and not budget.is_over:
         again = refine(scenario, formulate(scenario, start, options.cost, options.margin, minimum_time=free), budget)
         refined = refined.followed_by(again, again.verified or refined.best is None)
@@ -228,7 +232,7 @@ def _timed(
 ) -> Trajectory:
     """The guess with the knots and the timing that the optimiser starts from."""
     if closely and guess.path is not None:
-        fine = many_shifts.timed(guess.path, scenario.vehicle, guess.trajectory, slack)
+        fine = tight_paths.timed(guess.path, scenario.vehicle, guess.trajectory, slack)
         return with_duration(fine, duration) if isinstance(horizon, Fixed) else fine
     if isinstance(horizon, MinimumTime) or guess.is_timed:  # plans end near the limits, as the speed planner's do
         return with_duration(guess.trajectory, duration)

@@ -17,7 +17,7 @@ from drake_gnnocp.guesses import Guess, GuessSource, GuessUnavailable, HybridASt
 from drake_gnnocp.guesses.hybrid_astar import timed
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.sqp import LEARNED, SqpSteps, sqp_steps
-from drake_gnnocp.planner import many_shifts
+from drake_gnnocp.planner import tight_paths
 from drake_gnnocp.planner.attempt import Attempt, attempt
 from drake_gnnocp.planner.horizon import Fixed, Horizon, MinimumTime
 from drake_gnnocp.planner.options import SOURCES, PlanOptions
@@ -134,8 +134,8 @@ class Schedule:
             return
         if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
             self._try_other_searches()
-        if not self.is_verified and not many_shifts.has_many(guess) and self._may_go_on:
-            self._try(replace(guess, seconds=0.0), closely=True)
+        if not self.is_verified and self._may_go_on:
+            self._try(replace(guess, seconds=0.0), closely=not tight_paths.is_tight(self.scenario, guess))
 
     def _try_other_searches(self) -> None:
         """Searches by time with finer moves from the beginning: other paths to optimise."""

@@ -1,13 +1,13 @@
-"""Paths of many short moves, as into a slot little longer than the car: finer knots, and a solver that stays near.
+"""Searched paths with hardly any room beside the car: finer knots, and a solver that stays near.
 
-Minimum-effort timing averages the steering angle over a fixed share of the knots. Where the gears change every few
-knots, that leaves a guess far from the path; v and phi peak between knots far apart, and the car's swept hull bulges.
+Minimum-effort timing averages the steering angle over a fixed share of the knots, which leaves a guess beside the path:
+where a few centimetres are free, inside of obstacles, and of a path whose gears change every few knots, far from it.
 Here the knots are as near in time as the moves are short, and the guess is the speed planner's own, which is nearly a
 motion of the car: it steers from lock to lock while it stands at a gear change. A small trust region keeps the solver
 near it, so few rows are needed, and it is asked for no more clearance than the path has.
 
-That takes fewer iterations on any path, and mostly one solve. But the timing stays near the limits, and the plan costs
-up to half as much again: so it is for paths that need it, and for a second attempt.
+That takes fewer iterations on any path, and mostly one solve. But the timing stays near the limits, and where there is
+room the plan costs up to twice as much: so it is for tight paths, and for a second attempt on others.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 from drake_gnnocp.guesses import Guess
 from drake_gnnocp.ocp.formulation import Formulation
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.search.path import GearedPath, n_sections
+from drake_gnnocp.search.path import GearedPath
 from drake_gnnocp.timing.minimum_effort import with_duration
 from drake_gnnocp.timing.speed_planner import plan_speed
 from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 from drake_gnnocp.verification import min_clearance
 
-MANY = 8  # moves in one gear, from which on the usual knots are not even tried
+TIGHT = 0.07  # m, clearance of a path: with less, the usual knots are not even tried
 STEP = 0.3  # s, largest distance of the knots in time ...
 MOST_KNOTS = 600  # ... as long as there are no more than these: the time of a solve grows with them
 TRUST_REGION = (0.15, 0.15, 0.1)  # m, m, rad
@@ -37,9 +37,11 @@ CLEARANCE_SHARE = 0.5  # of the guess's clearance: no line or least margin asks 
 LEAST_CLEARANCE = 0.005  # m, but for this
 
 
-def has_many(guess: Guess) -> bool:
-    """Whether the path of a guess, where it has one, has many moves."""
-    return guess.path is not None and n_sections(guess.path) >= MANY
+def is_tight(scenario: Scenario, guess: Guess) -> bool:
+    """Whether the path of a guess, where it has one, comes very near to an obstacle."""
+    if guess.path is None:
+        return False
+    return min_clearance(scenario, scenario.vehicle.footprints(guess.path.poses)) < TIGHT
 
 
 def timed(path: GearedPath, vehicle: Vehicle, coarse: Trajectory, slack: float) -> Trajectory:
