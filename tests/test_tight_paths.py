@@ -58,12 +58,14 @@ def test_knots_are_near_in_time_as_far_as_there_may_be_so_many(found: Guess, mon
     assert few.duration == pytest.approx(1.2 * plain.duration)
 
 
-def test_no_more_clearance_is_asked_for_than_half_of_what_there_is(short_slot: Scenario, found: Guess) -> None:
+def test_no_more_clearance_is_asked_for_than_a_share_of_what_there_is(short_slot: Scenario, found: Guess) -> None:
     near_origin = short_slot.translated(0.0, -2.5)
     clearance = min_clearance(near_origin, near_origin.vehicle.footprints(found.trajectory.poses))
     usual = formulate(near_origin, found.trajectory, CostWeights(), 0.1)
     near = tight_paths.kept_near(near_origin, usual)
-    expected = np.minimum(usual.line_clearances, max(clearance / 2, tight_paths.LEAST_CLEARANCE))
+    expected = np.minimum(
+        usual.line_clearances, max(tight_paths.CLEARANCE_SHARE * clearance, tight_paths.LEAST_CLEARANCE)
+    )
     np.testing.assert_allclose(near.line_clearances, expected)
     np.testing.assert_allclose(near.least_margins, expected)
     assert near.trust_region is not None and usual.trust_region is not None

@@ -28,13 +28,13 @@ from drake_gnnocp.vehicle import Vehicle
 from drake_gnnocp.verification import min_clearance
 
 TIGHT = 0.07  # m, clearance of a path: with less, the usual knots are not even tried
-STEP = 0.3  # s, largest distance of the knots in time ...
+STEP = 0.2  # s, largest distance of the knots in time ...
 MOST_KNOTS = 600  # ... as long as there are no more than these: the time of a solve grows with them
-TRUST_REGION = (0.15, 0.15, 0.1)  # m, m, rad
+TRUST_REGION = (0.3, 0.3, 0.2)  # m, m, rad
 ROWS_WITHIN = 0.6  # m, little moves any more
 LIMITS_MARGIN = 0.01  # relative: v and phi peak that much between such knots
-CLEARANCE_SHARE = 0.5  # of the guess's clearance: no line or least margin asks for more
-LEAST_CLEARANCE = 0.005  # m, but for this
+CLEARANCE_SHARE = 0.3  # of the guess's clearance: no line or least margin asks for more
+LEAST_CLEARANCE = 0.002  # m, but for this
 
 
 def is_tight(scenario: Scenario, guess: Guess) -> bool:
