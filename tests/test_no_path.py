@@ -14,6 +14,7 @@ from drake_gnnocp import Scenario, Vehicle, plan
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.command_line import main
 from drake_gnnocp.search.hybrid_astar import search
+from drake_gnnocp.search.reachability import has_many_corners
 
 KINDS = 6
 Rng = np.random.Generator
@@ -129,6 +130,14 @@ def test_a_slot_with_little_room_before_and_behind_and_a_kerb_near_by_is_no_dead
     goal = np.array([-front - room, -2 * half - 0.7, 0.0])
     task = Scenario("slot", np.zeros(3), goal, tuple(ring + goal[:2] for ring in cars + street), vehicle=vehicle)
     assert search(task.in_car_lengths, Budget.unlimited()).status == "found"
+
+
+def test_among_very_many_corners_a_goal_behind_walls_is_refused_before_anything_is_solved() -> None:
+    x, y = np.meshgrid(np.arange(-40.0, 80.0, 2.5), np.arange(-60.0, 60.0, 2.5))
+    posts = [box(a, a + 0.2, b, b + 0.2) for a, b in zip(x.ravel(), y.ravel(), strict=True) if abs(b) > 14.0]
+    task = Scenario("posts", np.zeros(3), np.array([25.0, 0.0, 0.0]), (*walls_around(25.0, 0.0, 6.0, 6.0, 0.3), *posts))
+    assert has_many_corners(task)
+    assert_refused(task)
 
 
 def test_the_passage_that_is_too_narrow_is_named_in_the_coordinates_of_the_task() -> None:

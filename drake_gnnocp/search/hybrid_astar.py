@@ -89,8 +89,9 @@ def search(
                 return SearchResult(_geared_path(scenario, moves, run.test.spacing), "found", expansions)
             if run.outcome is Outcome.OUT_OF_TIME:
                 return SearchResult(None, "out of time", expansions)
-        is_quick = not has_many_corners(scenario)  # the proof; otherwise it comes where all has failed
-        if number == 0 and is_quick and not budget.is_over and (proof := no_path(scenario)) is not None:
+        # where there are many corners the proof takes long, and comes where all has failed
+        is_worth_it = run is None or not has_many_corners(scenario)
+        if number == 0 and is_worth_it and not budget.is_over and (proof := no_path(scenario)) is not None:
             return SearchResult(None, "no path", expansions, proof)
         if run is None or not any(run.exhausted):
             continue
