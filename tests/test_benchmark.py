@@ -23,7 +23,7 @@ from drake_gnnocp.experiments.benchmark.worker import Worker, WorkerDied
 from drake_gnnocp.experiments.dataset.records import split_of
 from drake_gnnocp.experiments.reports.planning import main, summarise
 from drake_gnnocp.experiments.tasks.draw import kind_of
-from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.experiments.tasks.place import WIDE_KINDS
 from drake_gnnocp.guesses.learned import bundled_weights
 from drake_gnnocp.ocp import refine
 from drake_gnnocp.ocp.ipopt import IpoptSettings
@@ -135,7 +135,7 @@ def test_a_direct_method_makes_one_attempt(monkeypatch: pytest.MonkeyPatch) -> N
 def test_random_tasks_are_on_test_maps_one_of_each_before_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(TEST_MAPS) == 80 and {split_of(index) for index in TEST_MAPS} == {"test"}
     assert Counter(map(kind_of, TEST_MAPS)) == {"open": 54, "car_park": 13, "yard": 13}
-    assert set(map(kind_of, TEST_MAPS[:7])) == set(KINDS)
+    assert set(map(kind_of, TEST_MAPS[:7])) == set(WIDE_KINDS)
     monkeypatch.setattr(tasks_module, "TEST_MAPS", (9, 19, 29))
     tasks = drawn_tasks(4)
     maps_and_pairs = [task.scenario.name.split("_")[-2:] for task in tasks]

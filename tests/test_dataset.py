@@ -22,7 +22,7 @@ from drake_gnnocp.experiments.dataset.generate import (
 )
 from drake_gnnocp.experiments.dataset.label import KEPT, label
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord, load_records, save_records, split_of
-from drake_gnnocp.experiments.tasks.draw import kind_of
+from drake_gnnocp.experiments.tasks.draw import WIDE_MAPS, kind_of
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.scenario import Scenario
@@ -139,7 +139,7 @@ def test_a_folder_without_a_dataset_is_named(tmp_path: Path) -> None:
 def test_splits_are_80_10_10_by_map_and_have_maps_of_every_kind() -> None:
     splits = [split_of(index) for index in range(800)]
     assert (splits.count("train"), splits.count("validation"), splits.count("test")) == (640, 80, 80)
-    found = {(split_of(index), kind_of(index)) for index in range(DatasetSettings().maps)}
+    found = {(split_of(index), kind_of(index)) for index in range(WIDE_MAPS + 100)}
     assert found == set(itertools.product(SPLITS, KINDS))
 
 

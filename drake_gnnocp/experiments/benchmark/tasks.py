@@ -14,7 +14,7 @@ from drake_gnnocp.experiments.dataset.generate import DatasetSettings
 from drake_gnnocp.experiments.dataset.records import split_of
 from drake_gnnocp.experiments.tasks.draw import draw_place, draw_task, kind_of
 from drake_gnnocp.experiments.tasks.open_maps import random_task
-from drake_gnnocp.experiments.tasks.place import KINDS
+from drake_gnnocp.experiments.tasks.place import WIDE_KINDS
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
 LIBRARY, FILE = "library", "file"  # kinds of scenarios with a name; the others are the kinds of places
@@ -24,9 +24,9 @@ DATASET = DatasetSettings()
 
 def _test_maps() -> tuple[int, ...]:
     """Test maps in the shares of the paper's maps, evenly mixed: of six four are open, one a car park, one a yard."""
-    of_kind = {kind: [i for i in range(DATASET.maps) if (split_of(i), kind_of(i)) == ("test", kind)] for kind in KINDS}
-    most = {kind: len(of_kind["open"]) // (1 if kind == "open" else 4) for kind in KINDS}
-    placed = [((n + 0.5) / most[kind], i) for kind in KINDS for n, i in enumerate(of_kind[kind][: most[kind]])]
+    of_kind = {kind: [i for i in range(DATASET.maps) if (split_of(i), kind_of(i)) == ("test", kind)] for kind in WIDE_KINDS}
+    most = {kind: len(of_kind["open"]) // (1 if kind == "open" else 4) for kind in WIDE_KINDS}
+    placed = [((n + 0.5) / most[kind], i) for kind in WIDE_KINDS for n, i in enumerate(of_kind[kind][: most[kind]])]
     return tuple(index for _, index in sorted(placed))
 
 

@@ -93,9 +93,10 @@ def _gear_changes(trajectory: Trajectory) -> int:
 
 def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
     """The datasheet as Markdown; size of all files [bytes]."""
-    groups = {kind: [record for record in records if record.place.kind == kind] for kind in KINDS}
+    kinds = [kind for kind in KINDS if any(record.place.kind == kind for record in records)]
+    groups = {kind: [record for record in records if record.place.kind == kind] for kind in kinds}
     for split in SPLITS:
-        groups |= {f"{split}: {kind}": [record for record in groups[kind] if record.split == split] for kind in KINDS}
+        groups |= {f"{split}: {kind}": [record for record in groups[kind] if record.split == split] for kind in kinds}
     groups["**all**"] = list(records)
     percentiles = {name: np.percentile(values, [5, 50, 95]) for name, values in numbers.items() if len(values)}
     return TEXT.format(

@@ -2,8 +2,9 @@
 
 Maps are stored in `.npz` files, one or many a file, as arrays without pickled objects:
 
-    map_*       one row a map: index, kind, area, vehicle, number of rings, slots and tasks
+    map_*       one row a map: index, kind, area, vehicle, number of rings, lines, slots and tasks, whether bounded
     ring_size, vertices, slots                     rings and slots of all maps one after the other
+    line_size, line_vertices                       walls without thickness likewise
     task_*      one row a task: start, goal, outcome, cost, iterations, rounds, source
     duration, knots                                one row a task whose outcome is "kept"; knots are float32
 """
@@ -27,6 +28,7 @@ from drake_gnnocp.trajectory import Trajectory
 from drake_gnnocp.vehicle import Vehicle
 
 SPLITS = ("train", "validation", "test")
+_OF_MAP = ("index", "kind", "area", "vehicle", "rings", "lines", "slots", "tasks", "bounded")
 
 
 @dataclass(frozen=True)
@@ -78,15 +80,25 @@ def load_records(path: Path) -> list[MapRecord]:
     for name, array in arrays.items():
         if array.dtype.kind == "f" and name != "task_cost" and not np.isfinite(array).all():  # no plan has no cost
             raise ValueError(f"{name}: holds numbers that are not finite")
-    arrays.setdefault("task_source", np.full(len(arrays["task_outcome"]), SEARCHED))  # files from before it was kept
+    n = len(arrays["map_index"])
+    before = {  # files from before these were kept
+        "task_source": np.full(len(arrays["task_outcome"]), SEARCHED),
+        "map_lines": np.zeros(n, dtype=int),
+        "map_bounded": np.zeros(n, dtype=bool),
+        "line_size": np.zeros(0, dtype=int),
+        "line_vertices": np.zeros((0, 2)),
+    }
+    arrays = before | arrays
     rings = iter(np.split(arrays["vertices"], np.cumsum(arrays["ring_size"])[:-1]))
+    lines = iter(np.split(arrays["line_vertices"], np.cumsum(arrays["line_size"])[:-1]))
     slots, rows = iter(arrays["slots"]), iter(range(len(arrays["task_outcome"])))
     samples = zip(arrays["duration"], arrays["knots"], strict=True)
     records = []
-    maps = (arrays[f"map_{key}"] for key in ("index", "kind", "area", "vehicle", "rings", "slots", "tasks"))
-    for index, kind, area, vehicle, n_rings, n_slots, n_tasks in zip(*maps, strict=True):
+    maps = (arrays[f"map_{key}"] for key in _OF_MAP)
+    for index, kind, area, vehicle, n_rings, n_lines, n_slots, n_tasks, is_bounded in zip(*maps, strict=True):
         obstacles, free = tuple(islice(rings, n_rings)), tuple(islice(slots, n_slots))
-        place = Place(str(kind), tuple(area.tolist()), obstacles, free, Vehicle(*vehicle.tolist()))
+        walls, car = tuple(islice(lines, n_lines)), Vehicle(*vehicle.tolist())
+        place = Place(str(kind), tuple(area.tolist()), obstacles, free, car, walls, bool(is_bounded))
         of_map = list(islice(rows, n_tasks))
         tasks = tuple(_scenario(arrays, row, place) for row in of_map)
         records.append(MapRecord(int(index), place, tasks, tuple(_label(arrays, row, samples) for row in of_map)))
@@ -95,7 +107,7 @@ def load_records(path: Path) -> list[MapRecord]:
 
 def _scenario(arrays: dict[str, np.ndarray], task: int, place: Place) -> Scenario:
     name, start, goal = (arrays[f"task_{key}"][task] for key in ("name", "start", "goal"))
-    return Scenario(str(name), start, goal, place.obstacles, vehicle=place.vehicle)
+    return place.task(str(name), start, goal)
 
 
 def _label(arrays: dict[str, np.ndarray], task: int, samples: Iterator[tuple[float, np.ndarray]]) -> Label:
@@ -113,6 +125,7 @@ def _label(arrays: dict[str, np.ndarray], task: int, samples: Iterator[tuple[flo
 def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
     places = [record.place for record in records]
     rings = [ring for place in places for ring in place.obstacles]
+    lines = [line for place in places for line in place.lines]
     tasks = [task for record in records for task in record.tasks]
     labels = [label for record in records for label in record.labels]
     kept = [trajectory for record in records for trajectory in record.trajectories]
@@ -123,10 +136,14 @@ def _arrays(records: list[MapRecord]) -> dict[str, np.ndarray]:
         "map_area": np.array([place.area for place in places]).reshape(-1, 4),
         "map_vehicle": np.array([list(place.vehicle.to_dict().values()) for place in places]),
         "map_rings": np.array([len(place.obstacles) for place in places]),
+        "map_lines": np.array([len(place.lines) for place in places]),
+        "map_bounded": np.array([place.is_bounded for place in places]),
         "map_slots": np.array([len(place.slots) for place in places]),
         "map_tasks": np.array([len(record.tasks) for record in records]),
         "ring_size": np.array([len(ring) for ring in rings], dtype=int),
         "vertices": np.concatenate([np.zeros((0, 2)), *rings]),
+        "line_size": np.array([len(line) for line in lines], dtype=int),
+        "line_vertices": np.concatenate([np.zeros((0, 2)), *lines]),
         "slots": np.array([slot for place in places for slot in place.slots]).reshape(-1, 3),
         "task_name": np.array([task.name for task in tasks], dtype=str),
         "task_start": np.array([task.start for task in tasks]).reshape(-1, 3),

@@ -1,7 +1,8 @@
 """Map `index` of a seed, and its tasks: the same whatever else is drawn.
 
 Of the first PAPER_MAPS maps two of three are open ones as in the paper, with varying numbers of obstacles, and one is a
-car park or a yard. All maps after them are car parks and yards, where a guess fails more often.
+car park or a yard. The maps after them are car parks and yards, where a guess fails more often, and those after
+WIDE_MAPS are tight places.
 """
 
 from __future__ import annotations
@@ -12,17 +13,20 @@ from drake_gnnocp.experiments.tasks.car_parks import random_car_park
 from drake_gnnocp.experiments.tasks.ends import random_ends_of
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, random_obstacles
 from drake_gnnocp.experiments.tasks.place import Place
+from drake_gnnocp.experiments.tasks.tight_places import random_tight_place
 from drake_gnnocp.experiments.tasks.yards import random_yard
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
-PAPER_MAPS = 800
+PAPER_MAPS, WIDE_MAPS = 800, 1060
 OBSTACLES = (3, 14)  # fewest and most on an open map
 PLACE, PAIRS = 0, 1  # last word of the seeds
 
 
 def kind_of(index: int) -> str:
-    """What map `index` is: "open", "car_park" or "yard"."""
+    """What map `index` is: one of KINDS."""
+    if index >= WIDE_MAPS:
+        return "tight"
     if index >= PAPER_MAPS:
         return "car_park" if index % 2 == 0 else "yard"
     if index % 3 < 2:
@@ -38,6 +42,8 @@ def draw_place(seed: int, index: int) -> Place:
         return random_car_park(rng)
     if kind == "yard":
         return random_yard(rng)
+    if kind == "tight":
+        return random_tight_place(rng)
     options = MapOptions(n_obstacles=int(rng.integers(OBSTACLES[0], OBSTACLES[1] + 1)))
     area = (0.0, options.side, 0.0, options.side)
     return Place("open", area, random_obstacles(rng, options), (), Vehicle())
@@ -55,4 +61,4 @@ def draw_task(seed: int, index: int, place: Place, pair: int) -> Scenario | None
     if ends is None:
         return None
     name = f"{place.kind}_{seed}_{index:04d}_{pair:02d}"
-    return Scenario(name, ends[0], ends[1], place.obstacles, vehicle=place.vehicle)
+    return place.task(name, *ends)

@@ -12,12 +12,14 @@ one end to the other, the car cannot either, and such ends are not taken.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
 from drake_gnnocp.experiments.tasks.open_maps import TaskOptions, random_ends
 from drake_gnnocp.experiments.tasks.place import Place, are_clear, union
+from drake_gnnocp.vehicle import Vehicle
 
 SLOT_SHARE = 0.7  # of the tasks begin or end in a slot, where the place has any
 LEAVING_SHARE = 1 / 3  # of these begin in it
@@ -30,21 +32,23 @@ BETA = np.arange(24) * math.pi / 12  # rad, where to look
 AROUND = 20.0  # m, how far from the area the disc may go round things
 POSES, PAIRS = 300, 50  # most draws of a pose, and of a pair before the place is given up
 DEFAULT_OPTIONS = TaskOptions()
+TIGHT = TaskOptions(distance=(3.0, 25.0), clearance=0.05, unobstructed=1.0)  # for a car of the usual length
 
 
 def random_ends_of(
-    rng: np.random.Generator, place: Place, options: TaskOptions = DEFAULT_OPTIONS
+    rng: np.random.Generator, place: Place, options: TaskOptions | None = None
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Start and goal, (3,) x, y, theta each [m, m, rad], collision-free and with the car inside the place's area.
 
     Args:
         rng: source of randomness.
         place: an open map, a car park or a yard.
-        options: distance of the ends and clearance of those that are not slots.
+        options: distance of the ends and clearance of those that are not slots; None: what suits the place.
 
     Returns:
         None where the place gives none after many draws.
     """
+    options = options or _options_of(place)
     if place.kind == "open":
         return random_ends(rng, place.obstacles, place.area[1] - place.area[0], options)
     site = _Site(place)
@@ -66,15 +70,24 @@ def random_ends_of(
     return None
 
 
+def _options_of(place: Place) -> TaskOptions:
+    if place.kind != "tight":
+        return DEFAULT_OPTIONS
+    unit = place.vehicle.length / Vehicle().length
+    nearest, farthest = TIGHT.distance
+    return replace(TIGHT, distance=(unit * nearest, unit * farthest), clearance=unit * TIGHT.clearance)
+
+
 class _Site:
     """A place as poses are looked for in it."""
 
     def __init__(self, place: Place) -> None:
         self.place = place
-        self.blocked = union(place.obstacles)
+        self.blocked = union(place.obstacles, place.lines)
         shapely.prepare(self.blocked)
-        self._vertices = np.concatenate(place.obstacles)
-        self._edges = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in place.obstacles])
+        self._vertices = np.concatenate([*place.obstacles, *(line[:-1] for line in place.lines)])
+        edges = [np.roll(ring, -1, axis=0) - ring for ring in place.obstacles]
+        self._edges = np.concatenate([*edges, *(np.diff(line, axis=0) for line in place.lines)])
         self._regions = self._disc_regions()
 
     def slot(self, rng: np.random.Generator) -> np.ndarray:

@@ -9,9 +9,11 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.experiments.tasks.shapes import Range
+from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
-KINDS = ("open", "car_park", "yard")
+WIDE_KINDS = ("open", "car_park", "yard")
+KINDS = (*WIDE_KINDS, "tight")
 SLOT_CLEARANCE = 0.1  # m, of the car in a parking slot, at least
 FEWEST, MOST = 5, 60  # obstacles of a car park or a yard
 
@@ -27,6 +29,13 @@ class Place:
     obstacles: tuple[np.ndarray, ...]  # rings (N_j, 2) [m]
     slots: tuple[np.ndarray, ...]  # goal poses (3,) of free parking slots, collision-free for `vehicle` [m, m, rad]
     vehicle: Vehicle
+    lines: tuple[np.ndarray, ...] = ()  # walls without thickness: polylines (N_j, 2) [m]
+    is_bounded: bool = False  # whether the car stays inside the area all the way
+
+    def task(self, name: str, start: np.ndarray, goal: np.ndarray) -> Scenario:
+        """From one pose (3,) to another here."""
+        bounds = self.area if self.is_bounded else None
+        return Scenario(name, start, goal, self.obstacles, bounds, self.vehicle, lines=self.lines)
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,9 @@ def place_with_slots(kind: str, area: Area, rings: Sequence[np.ndarray], slots: 
     return Place(kind, area, tuple(rings), tuple(slots[clear]), vehicle)
 
 
-def union(rings: Sequence[np.ndarray]) -> shapely.Geometry:
-    """All that rings (N_j, 2) enclose [m]."""
-    return shapely.union_all([shapely.Polygon(ring) for ring in rings])
+def union(rings: Sequence[np.ndarray], lines: Sequence[np.ndarray] = ()) -> shapely.Geometry:
+    """All that rings (N_j, 2) enclose, and lines (N_j, 2) [m]."""
+    return shapely.union_all([*map(shapely.Polygon, rings), *map(shapely.LineString, lines)])
 
 
 def are_clear(
