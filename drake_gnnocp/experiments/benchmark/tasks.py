@@ -24,7 +24,9 @@ DATASET = DatasetSettings()
 
 def _test_maps() -> tuple[int, ...]:
     """Test maps in the shares of the paper's maps, evenly mixed: of six four are open, one a car park, one a yard."""
-    of_kind = {kind: [i for i in range(DATASET.maps) if (split_of(i), kind_of(i)) == ("test", kind)] for kind in WIDE_KINDS}
+    of_kind = {
+        kind: [i for i in range(DATASET.maps) if (split_of(i), kind_of(i)) == ("test", kind)] for kind in WIDE_KINDS
+    }
     most = {kind: len(of_kind["open"]) // (1 if kind == "open" else 4) for kind in WIDE_KINDS}
     placed = [((n + 0.5) / most[kind], i) for kind in WIDE_KINDS for n, i in enumerate(of_kind[kind][: most[kind]])]
     return tuple(index for _, index in sorted(placed))
