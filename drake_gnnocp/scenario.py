@@ -264,7 +264,7 @@ class Scenario:
         Planning in it makes plans of a task at another scale the same plans at that scale. Times stay as they are. It
         is checked in metres.
         """
-        unit = self.vehicle.length / Vehicle().length
+        unit = self.vehicle.size
         if abs(unit - 1.0) < SAME_UNIT:
             return self
         scaled = self._mapped(lambda points: np.round(points / unit, DECIMALS))

@@ -97,6 +97,11 @@ class Vehicle:
         return self.rear_hang + self.wheelbase + self.front_hang
 
     @property
+    def size(self) -> float:
+        """How many times as long as the default car it is."""
+        return self.length / Vehicle().length
+
+    @property
     def turning_radius(self) -> float:
         """Smallest radius the rear axle's middle can follow [m]."""
         return self.wheelbase / math.tan(self.phi_max)

@@ -15,7 +15,7 @@ from drake_gnnocp.experiments.dataset.records import MapRecord, load_records, sa
 from drake_gnnocp.experiments.tasks import tight_places
 from drake_gnnocp.experiments.tasks.draw import WIDE_MAPS, draw_place, draw_tasks, kind_of
 from drake_gnnocp.experiments.tasks.place import Place, union
-from drake_gnnocp.experiments.tasks.tight_places import LAYOUTS, LEAST_CLEARANCE, LENGTH, TightOptions
+from drake_gnnocp.experiments.tasks.tight_places import LAYOUTS, LEAST_CLEARANCE, TightOptions
 from drake_gnnocp.verification import min_clearance
 
 N = 60
@@ -39,7 +39,7 @@ def test_the_same_seed_gives_the_same_place_and_tasks() -> None:
 def test_the_car_can_stand_in_every_slot_and_most_of_them_are_tight() -> None:
     nearest = []
     for place in places():
-        unit = place.vehicle.length / LENGTH
+        unit = place.vehicle.size
         blocked = union(place.obstacles, place.lines)
         cars = shapely.polygons(place.vehicle.footprints(np.array(place.slots)))
         clearances = shapely.distance(cars, blocked) / unit
@@ -58,8 +58,8 @@ def test_there_is_a_legal_task_on_nearly_every_place() -> None:
 
 
 def test_cars_robots_and_long_vehicles_stand_among_cars_walls_and_lines() -> None:
-    lengths = np.array([place.vehicle.length for place in places()])
-    assert (lengths < 2.5).mean() > 0.05 and (lengths > 5.2).mean() > 0.05 and (lengths == LENGTH).mean() > 0.2
+    sizes = np.array([place.vehicle.size for place in places()])
+    assert (sizes < 0.55).mean() > 0.05 and (sizes > 1.1).mean() > 0.05 and (sizes == 1.0).mean() > 0.2
     assert {bool(place.lines) for place in places()} == {bool(place.obstacles) for place in places()} == {True, False}
     assert {place.is_bounded for place in places()} == {True, False}
     vertices = [sum(map(len, (*place.obstacles, *place.lines))) for place in places()]
@@ -80,7 +80,7 @@ def test_the_room_beside_the_car_is_what_the_options_say_at_the_size_of_the_car(
     assert len({place.vehicle.length for place in drawn}) > 8
     for place in drawn:
         car = shapely.Polygon(place.vehicle.footprints(place.slots[0])[0])
-        room = car.distance(union(place.obstacles, place.lines)) * LENGTH / place.vehicle.length
+        room = car.distance(union(place.obstacles, place.lines)) / place.vehicle.size
         assert room == pytest.approx(0.05, abs=0.001)
 
 

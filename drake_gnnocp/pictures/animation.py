@@ -139,7 +139,7 @@ def _looks() -> list[dict[str, Any]]:
 
 def _outlines(vehicle: Vehicle, pose: np.ndarray, phi: float) -> list[np.ndarray]:
     """Outlines (N, 2) of the wheels (the front ones steered), the body and the windscreen [m]."""
-    side, wheel = vehicle.width / 2, WHEEL * vehicle.length / Vehicle().length
+    side, wheel = vehicle.width / 2, WHEEL * vehicle.size
     wheels = []
     for x, angle in ((0.0, 0.0), (vehicle.wheelbase, phi)):
         for y in (-side, side):

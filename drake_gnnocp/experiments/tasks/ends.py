@@ -19,7 +19,6 @@ import shapely
 
 from drake_gnnocp.experiments.tasks.open_maps import TaskOptions, random_ends
 from drake_gnnocp.experiments.tasks.place import Place, are_clear, union
-from drake_gnnocp.vehicle import Vehicle
 
 SLOT_SHARE = 0.7  # of the tasks begin or end in a slot, where the place has any
 LEAVING_SHARE = 1 / 3  # of these begin in it
@@ -73,7 +72,7 @@ def random_ends_of(
 def _options_of(place: Place) -> TaskOptions:
     if place.kind != "tight":
         return DEFAULT_OPTIONS
-    unit = place.vehicle.length / Vehicle().length
+    unit = place.vehicle.size
     nearest, farthest = TIGHT.distance
     return replace(TIGHT, distance=(unit * nearest, unit * farthest), clearance=unit * TIGHT.clearance)
 

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 
 from drake_gnnocp.experiments.tasks.place import Area, Place, are_clear, union
 from drake_gnnocp.experiments.tasks.shapes import Range, both_ways, box, moved, moved_poses, rectangle, standing
-from drake_gnnocp.experiments.tasks.tight_vehicles import random_tight_vehicle
+from drake_gnnocp.experiments.tasks.tight_vehicles import log_uniform, random_tight_vehicle
 from drake_gnnocp.vehicle import Vehicle
 
-LENGTH = Vehicle().length  # m, of the car that the sizes are given for
 LEAST_CLEARANCE = 0.015  # m, of the car in a slot, for such a car
 SQUARE = math.pi / 2
 
@@ -74,8 +73,7 @@ class _Draw:
 
     def side(self) -> float:
         """The free room on one side of the car [m]."""
-        low, high = np.log(self.options.side)
-        return float(np.exp(self.rng.uniform(low, high)))
+        return log_uniform(self.rng, self.options.side)
 
     def chance(self, share: float) -> bool:
         """Whether something with a probability happens."""
@@ -96,7 +94,7 @@ def random_tight_place(rng: np.random.Generator, options: TightOptions = DEFAULT
     """A tight place with at least one spot for its vehicle."""
     while True:
         vehicle = random_tight_vehicle(rng)
-        unit = vehicle.length / LENGTH
+        unit = vehicle.size
         make = LAYOUTS[int(rng.choice(len(LAYOUTS), p=options.shares))]
         draw = _Draw(rng, vehicle.scaled(1 / unit), options, str(rng.choice(("cars", "walls", "lines"))))
         layout = make(draw)
@@ -116,25 +114,20 @@ def _placed(rng: np.random.Generator, layout: _Layout, vehicle: Vehicle, unit: f
     low, high = points.min(axis=0), points.max(axis=0)
     area: Area = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     clear = are_clear(vehicle, slots, union(rings, lines), area, LEAST_CLEARANCE * unit)
-    place = Place("tight", area, tuple(rings), tuple(slots[clear]), vehicle, tuple(lines))
-    return replace(place, is_bounded=bool(is_upright and rng.uniform() < 0.5))
+    is_bounded = bool(is_upright and rng.uniform() < 0.5)
+    return Place("tight", area, tuple(rings), tuple(slots[clear]), vehicle, tuple(lines), is_bounded)
 
 
-def _neighbour(draw: _Draw, layout: _Layout, middle: float, inner: float, depth: float, skew: float = 0.0) -> None:
-    """What stands beside a slot whose axis is y: from x = `inner` on away from the middle, as deep as the slot."""
-    away = math.copysign(1.0, inner - middle)
+def _neighbour(draw: _Draw, layout: _Layout, inner: float, depth: float) -> None:
+    """What stands beside a slot along the y axis: from x = `inner` on away from that axis, as deep as the slot."""
+    away = math.copysign(1.0, inner)
     if draw.style == "cars":
         width, length = draw.of((1.7, 2.0)), draw.of((4.2, 5.0))
         centre = np.array([inner + away * width / 2, draw.of((0.0, 0.4)) + length / 2])
-        layout.rings.append(moved(rectangle(length, width), (*centre, SQUARE)) @ _sheared(skew))
+        layout.rings.append(moved(rectangle(length, width), (*centre, SQUARE)))
         return
     wall = np.array([[inner, depth], [inner, draw.of((-0.1, 0.3))]])
-    draw.add_wall(layout, (wall if away > 0 else wall[::-1]) @ _sheared(skew))
-
-
-def _sheared(skew: float) -> np.ndarray:
-    """Points (N, 2) times this: y runs along a slot that makes an angle `skew` [rad] with the square to the aisle."""
-    return np.array([[1.0, 0.0], [-math.tan(skew), 1.0]])
+    draw.add_wall(layout, wall if away > 0 else wall[::-1])
 
 
 def _street(draw: _Draw, layout: _Layout, low: float, high: float) -> None:
@@ -153,8 +146,8 @@ def _perpendicular(draw: _Draw) -> _Layout:
     layout, vehicle = _Layout(), draw.vehicle
     depth = vehicle.length + draw.of(draw.options.behind) + draw.of((0.0, 0.4))
     left, right = draw.side(), draw.side()
-    _neighbour(draw, layout, 0.0, -vehicle.width / 2 - left, depth)
-    _neighbour(draw, layout, 0.0, vehicle.width / 2 + right, depth)
+    _neighbour(draw, layout, -vehicle.width / 2 - left, depth)
+    _neighbour(draw, layout, vehicle.width / 2 + right, depth)
     if draw.chance(0.7):
         draw.add_wall(layout, np.array([[-4.0, depth], [4.0, depth]]))
     _street(draw, layout, -draw.of(draw.options.aisle), 0.0)
@@ -176,7 +169,7 @@ def _slanted(draw: _Draw) -> _Layout:
         if draw.style == "cars":
             layout.rings.append(moved(shape, (*centre, heading)))
         else:
-            inner = math.copysign(vehicle.width / 2 + abs(away) - vehicle.width, away) * across
+            inner = math.copysign(abs(away) - vehicle.width / 2, away) * across
             wall = np.stack([inner + 2.4 * axis, inner - 2.2 * axis])
             draw.add_wall(layout, wall[::-1] if away > 0 else wall)
     lowest = float(moved(rectangle(vehicle.length, vehicle.width), (0.0, 0.0, heading))[:, 1].min())
@@ -247,12 +240,12 @@ def _corridor(draw: _Draw) -> _Layout:
         [shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre") for line in centre]
     )
     ring = np.asarray(free.exterior.coords)[:-1]
-    n_open = 0 if draw.chance(0.5) else 1
+    is_open = not draw.chance(0.5)
     first_edge = int(np.argmin(np.linalg.norm((ring + np.roll(ring, -1, axis=0)) / 2 - centre[0][0], axis=1)))
     ring = np.roll(ring, -first_edge - 1, axis=0)  # begins and ends at the first end of the corridor
-    draw.add_wall(layout, (ring if n_open else np.concatenate([ring, ring[:1]]))[::-1])
+    draw.add_wall(layout, (ring if is_open else np.concatenate([ring, ring[:1]]))[::-1])
     ends = [(line[0], line[0] - line[1]) for line in centre] + [(line[-1], line[-1] - line[-2]) for line in centre]
-    for place, outwards in ends[: 2 if kind != 2 else 4]:
+    for place, outwards in ends:
         heading = math.atan2(outwards[1], outwards[0])
         back = vehicle.length / 2 + draw.of((0.3, 1.0))
         across = draw.of((-0.5, 0.5)) * max(width - vehicle.width - 0.2, 0.0)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from drake_gnnocp.experiments.tasks.place import VehicleOptions, random_vehicle
+from drake_gnnocp.experiments.tasks.shapes import Range
 from drake_gnnocp.vehicle import Vehicle
 
 CAR = VehicleOptions(default=0.0, v_max=(1.0, 3.0))
@@ -43,14 +44,15 @@ def random_tight_vehicle(rng: np.random.Generator) -> Vehicle:
     kind = int(rng.choice(len(SHARES), p=SHARES))
     vehicle = Vehicle() if kind == 0 else random_vehicle(rng, (CAR, LONG, ROBOT)[kind - 1])
     if kind == 3:
-        vehicle = vehicle.scaled(_log_uniform(rng, ROBOT_SCALE))
+        vehicle = vehicle.scaled(log_uniform(rng, ROBOT_SCALE))
     if rng.uniform() < PACE:
-        pace = _log_uniform(rng, PACES)
+        pace = log_uniform(rng, PACES)
         changed = vehicle.to_dict() | {"v_max": vehicle.v_max * pace, "a_max": vehicle.a_max * pace}
         vehicle = Vehicle(**changed)
     return vehicle
 
 
-def _log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+def log_uniform(rng: np.random.Generator, bounds: Range) -> float:
+    """A number between two, whose logarithm is uniform."""
     low, high = map(math.log, bounds)
     return math.exp(rng.uniform(low, high))
