@@ -9,20 +9,22 @@ import numpy as np
 
 from drake_gnnocp.ocp.formulation import Formulation
 from drake_gnnocp.ocp.rows import N_KNOT, N_STATES, POSE, Box, V
-from drake_gnnocp.vehicle import Vehicle
 
 MOTION = np.arange(V, N_KNOT)  # v, phi, a, w
+NEAR_LIMIT = 0.5  # of a limit: what is beyond it gets rows where not all of them are written
 
 
-def motion_limits(vehicle: Vehicle) -> np.ndarray:
-    """What |v|, |phi|, |a| and |w| are limited to: (4,) [m/s, rad, m/s^2, rad/s]."""
-    return np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max])
+def motion_limits(formulation: Formulation) -> np.ndarray:
+    """What |v|, |phi|, |a|, |w| are limited to: the vehicle's limits less the margin: (4,) [m/s, rad, m/s^2, rad/s]."""
+    vehicle = formulation.vehicle
+    most = np.array([vehicle.v_max, vehicle.phi_max, vehicle.a_max, vehicle.w_max])
+    return (1 - formulation.limits_margin) * most
 
 
 def limits(formulation: Formulation) -> Box:
-    """|v|, |phi|, |a|, |w| within the vehicle's limits, less a relative margin, at every knot but the ends."""
+    """The limits at every knot but the ends."""
     inner = np.arange(1, len(formulation.reference) - 1)
-    most = np.tile((1 - formulation.limits_margin) * motion_limits(formulation.vehicle), (len(inner), 1))
+    most = np.tile(motion_limits(formulation), (len(inner), 1))
     return Box("limits", inner, MOTION, -most, most)
 
 

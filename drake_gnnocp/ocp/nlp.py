@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import Binding, Constraint, LinearConstraint, LinearEqualityConstraint, MathematicalProgram
 
-from drake_gnnocp.ocp.boxes import end_place, ends, limits, motion_limits, trust_region
+from drake_gnnocp.ocp.boxes import NEAR_LIMIT, end_place, ends, limits, motion_limits, trust_region
 from drake_gnnocp.ocp.costs import CostTerm, cost_terms
 from drake_gnnocp.ocp.dynamics import INTEGRATED, POSE_ROWS, dynamics
 from drake_gnnocp.ocp.formulation import Formulation
@@ -27,7 +27,6 @@ STATE_SCALE = 100.0  # program variable = state / STATE_SCALE, and those of sepa
 STEP_SCALE = 10.0  # program variable = h / STEP_SCALE
 SHORTEST_STEP, LONGEST_STEP = 0.1, 3.0  # of the reference's, where time is minimised
 IPOPT_LARGEST_GRADIENT = 100.0  # its nlp_scaling_max_gradient: larger gradients at the start make it scale the cost
-NEAR_LIMIT = 0.5  # of a limit, in the reference: what is beyond it gets rows between the knots
 KNOTS_PER_COST = 4  # dense blocks: one matrix over all inputs would cost its square in every evaluation
 KNOTS_PER_TERM = 120  # the same for other costs, which are calls of Python
 
@@ -130,8 +129,7 @@ def _add_limits_in_between(nlp: Nlp, formulation: Formulation) -> None:
     Between two knots v is a parabola: it stays among v_k, v_k + h a_k / 2 and v_{k+1}, its points of control.
     """
     knots, half = formulation.knots, nlp.fixed_step / 2
-    for (state, rate), most in zip(INTEGRATED, motion_limits(formulation.vehicle), strict=False):
-        most = (1 - formulation.limits_margin) * most
+    for (state, rate), most in zip(INTEGRATED, motion_limits(formulation), strict=False):
         row = LinearConstraint(np.array([[nlp.knot_scale[state], half]]), np.array([-most]), np.array([most]))
         row.set_description("limits between the knots")
         for k in np.flatnonzero(np.abs(knots[:-1, state]) + np.abs(half * knots[:-1, rate]) > NEAR_LIMIT * most):

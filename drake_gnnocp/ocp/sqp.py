@@ -23,7 +23,7 @@ import numpy as np
 from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, SolverOptions
 
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.ocp.boxes import MOTION, end_place, ends, limits
+from drake_gnnocp.ocp.boxes import MOTION, NEAR_LIMIT, end_place, ends, limits
 from drake_gnnocp.ocp.costs import cost_terms, total_cost
 from drake_gnnocp.ocp.dynamics import dynamics
 from drake_gnnocp.ocp.formulation import Formulation
@@ -45,7 +45,6 @@ RELAXATION, DAMPING = 0.1, 10.0  # what rho is multiplied by after a step that i
 # steps, 1/s, -; from so many steps on rho is at least this and grows with every step: solutions settle somewhere then
 LATE, LATE_PROXIMAL, LATE_GROWTH = 20, 0.01, 1.15
 SHORTER = 0.8  # of the step before: what counts as shorter
-NEAR_LIMIT = 0.5  # of a limit: what is beyond it gets the limit as a row
 TOLERANCE = 1e-3  # of the solver
 
 
