@@ -49,19 +49,16 @@ def convex_parts_of(polygons: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     is_plain[owners[np.abs(steps).max(axis=1) <= SAME_POINT]] = False
     plainly = np.maximum(PLAIN_TURN, CONVEX_TOLERANCE * shapely.length(polygons) ** 2)
     is_split = has_holes | (np.minimum(highest, -lowest) > plainly)  # turns both ways
-    rings = np.split(corners, np.cumsum(counts)[:-1])
-    parts: list[tuple[np.ndarray, ...]] = []
-    for i, ring in enumerate(rings):
-        if not is_plain[i] and not is_split[i]:
-            ring = clean_ring(ring)
-            is_split[i] = not _is_convex(ring.tolist())
-            parts.append(() if is_split[i] else tuple(_of_few_vertices(ring)))
-        else:
-            parts.append((ring if lowest[i] > 0 else ring[::-1],))
-    if is_split.any():
-        for i, those in zip(np.flatnonzero(is_split).tolist(), _split(polygons[is_split]), strict=True):
-            parts[i] = those
-    return tuple(parts)
+    rings = np.split(corners, np.cumsum(counts[:-1]))
+    convex: dict[int, tuple[np.ndarray, ...]] = {}
+    for i in np.flatnonzero(is_plain).tolist():
+        convex[i] = (rings[i] if lowest[i] > 0 else rings[i][::-1],)
+    for i in np.flatnonzero(~is_plain & ~is_split).tolist():
+        ring = clean_ring(rings[i])
+        if _is_convex(ring.tolist()):
+            convex[i] = tuple(_of_few_vertices(ring))
+    others = iter(_split(np.delete(polygons, list(convex))))
+    return tuple(convex[i] if i in convex else next(others) for i in range(len(polygons)))
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[np.ndarray]:
@@ -88,7 +85,7 @@ def _numbered(points: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.nd
     """The different points (N, 2) of every owner (N,), in their order: (V, 2), and which of them each is: (N,)."""
     order = np.lexsort([points[:, 1], points[:, 0], owners])
     ordered = np.column_stack([owners, points])[order]
-    is_new = np.append(True, (np.diff(ordered, axis=0) != 0).any(axis=1))
+    is_new = np.append(True, (np.diff(ordered, axis=0) != 0).any(axis=1))[: len(points)]
     numbers = np.empty(len(points), dtype=np.intp)
     numbers[order] = np.cumsum(is_new) - 1
     return points[order[is_new]], numbers

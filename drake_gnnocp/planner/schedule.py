@@ -130,12 +130,13 @@ class Schedule:
                 self._try(self._first(straight))
             return
         # a search finds no shorter path for the next attempt than the one before
-        if self._try(guess).is_refused:
+        closely = tight_paths.is_tight(self.scenario, guess)
+        if self._try(guess, closely=closely).is_refused:
             return
         if isinstance(self.horizon, MinimumTime) and isinstance(source, HybridAStar):
             self._try_other_searches()
         if not self.is_verified and self._may_go_on:
-            self._try(replace(guess, seconds=0.0), closely=not tight_paths.is_tight(self.scenario, guess))
+            self._try(replace(guess, seconds=0.0), closely=not closely)
 
     def _try_other_searches(self) -> None:
         """Searches by time with finer moves from the beginning: other paths to optimise."""

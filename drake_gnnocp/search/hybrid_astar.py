@@ -1,11 +1,11 @@
 r"""Hybrid A*: a collision-free path with gears among exact polygons (Dolgov et al. 2008), in plain Python and numpy.
 
 Two searches take turns, one from the start and one from the goal: the car's kinematics is reversible, and getting out
-of a slot is much easier to search than getting in. Heading cells of 45 degrees (the paper's) are coarse. When both
-searches end without a path, or take too many expansions, the next stage of `SCHEDULE` looks with finer headings,
-shorter motion primitives, a smaller safety margin and the better heuristic of `lattice`. That one takes gaps for ways
-that are too tight to be driven through, so one stage looks early for a way that has some room everywhere. The path is
-then shortened, see `shortcut`.
+of a slot is much easier to search than getting in. On long ways one of them goes first. Heading cells of 45 degrees
+(the paper's) are coarse. When both searches end without a path, or take too many expansions, the next stage of
+`SCHEDULE` looks with finer headings, shorter motion primitives, a smaller safety margin and the better heuristic of
+`lattice`. That one takes gaps for ways that are too tight to be driven through, so one stage looks early for a way that
+has some room everywhere. The path is then shortened, see `shortcut`.
 
 Every stage searches first the surroundings of start and goal, then the whole map, where that is more; see `regions`.
 A region in which the holonomic heuristic proves that there is no way is left out.
