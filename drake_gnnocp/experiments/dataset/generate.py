@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from drake_gnnocp.experiments.dataset.label import label
 from drake_gnnocp.experiments.dataset.records import MapRecord, load_records, save_records
-from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS, draw_place, draw_tasks, kind_of
+from drake_gnnocp.experiments.tasks.draw import WIDE_MAPS, draw_place, draw_tasks, kind_of
+from drake_gnnocp.experiments.tasks.place import TIGHT
 from drake_gnnocp.files import first_line, write_atomically
 
 logger = logging.getLogger(__name__)
@@ -35,8 +36,9 @@ class DatasetSettings:
     """What is drawn."""
 
     seed: int = 0
-    maps: int = PAPER_MAPS + 260
+    maps: int = WIDE_MAPS + 530
     pairs: int = 15  # of start and goal, on each map; the paper's
+    tight_pairs: int = 8  # on each tight place: there is less to be different
 
 
 MakeMap = Callable[[DatasetSettings, int], MapRecord]
@@ -45,7 +47,7 @@ MakeMap = Callable[[DatasetSettings, int], MapRecord]
 def make_map(settings: DatasetSettings, index: int) -> MapRecord:
     """Draw map `index` and solve its tasks; called in the executor's workers."""
     place = draw_place(settings.seed, index)
-    tasks = draw_tasks(settings.seed, index, place, settings.pairs)
+    tasks = draw_tasks(settings.seed, index, place, settings.tight_pairs if place.kind == TIGHT else settings.pairs)
     return MapRecord(index, place, tuple(tasks), tuple(map(label, tasks)))
 
 

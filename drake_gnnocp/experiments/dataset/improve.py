@@ -17,7 +17,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, load_map
-from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, PLAN, SOLVE_SECONDS, Label, label_of
+from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, PLAN, SOLVE_SECONDS, Label, label_of, near_origin
 from drake_gnnocp.experiments.dataset.records import MapRecord
 from drake_gnnocp.guesses import Guess, Learned, NoGuess
 from drake_gnnocp.guesses.learned import bundled_weights
@@ -62,14 +62,14 @@ def improved_map(settings: DatasetSettings, index: int, dataset: Path, weights: 
 def improved_label(scenario: Scenario, label: Label, weights: Path | None = None) -> Label:
     """The label of a task, anywhere, or a better one from the network's hypotheses."""
     x0, y0, _ = scenario.start
-    local, best, budget = scenario.translated(-x0, -y0), label, Budget.of(SOLVE_SECONDS)
+    local, best, budget = near_origin(scenario), label, Budget.of(SOLVE_SECONDS)
     converged: list[tuple[float, Guess, SqpSteps]] = []
     for guess in Learned(PLAN.knots, weights, HYPOTHESES).guesses(local, budget):
         if isinstance(guess, NoGuess):
             continue
         if label.trajectory:  # the same duration for all: more time always costs less
             guess = replace(guess, trajectory=with_duration(guess.trajectory, label.trajectory.duration))
-            if _farthest(guess.trajectory, label.trajectory.translated(-x0, -y0)) < SAME:
+            if _farthest(guess.trajectory, label.trajectory.translated(-x0, -y0).scaled(1 / local.unit)) < SAME:
                 continue
         steps = sqp_steps(formulate(local, guess.trajectory, PLAN.cost, PLAN.margin), SEARCHED, budget)
         if steps.converged:

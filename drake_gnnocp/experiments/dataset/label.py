@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drake_gnnocp.budget import Budget
-from drake_gnnocp.guesses import HybridAStar, NoGuess
-from drake_gnnocp.ocp.costs import CostWeights
+from drake_gnnocp.guesses import Guess, HybridAStar
 from drake_gnnocp.planner import Attempt, FromGuess, PlanOptions
 from drake_gnnocp.planner.attempt import attempt
 from drake_gnnocp.scenario import Scenario
+from drake_gnnocp.search.moves import Costs
+from drake_gnnocp.search.path import n_sections
+from drake_gnnocp.search.stages import HybridAStarOptions
 from drake_gnnocp.trajectory import Trajectory
 
 KEPT, NO_PATH, UNVERIFIED, TOO_LONG = "kept", "no path", "unverified", "too long"  # also for its knots
@@ -17,8 +20,9 @@ OUTCOMES = (KEPT, NO_PATH, UNVERIFIED, TOO_LONG)
 SEARCHED, LEARNED = "hybrid_astar", "gnn"  # whose guess led to a label
 
 
-PLAN = PlanOptions(cost=CostWeights.paper())  # of all labels
-SEARCH_SECONDS, SOLVE_SECONDS = 8.0, 15.0  # s, most for Hybrid A*, and for the optimal control problem
+PLAN = PlanOptions()  # of all labels
+FEW_CHANGES = HybridAStarOptions(costs=Costs(gear_change=10.0))  # half as many changes of gear; takes longer
+SEARCH_SECONDS, SOLVE_SECONDS = 4.0, 15.0  # s, most for a Hybrid A*, and for the optimal control problem
 LONGEST = 150.0  # s, of a trajectory: longer ones are left out
 
 
@@ -35,19 +39,48 @@ class Label:
 
 
 def label(scenario: Scenario) -> Label:
-    """Solve a task, anywhere, and keep the plan if it is verified."""
+    """Solve a task, anywhere, and keep the plan if it is verified: the one from the path of fewest changes of gear."""
+    near = near_origin(scenario)
+    paths = list(_paths(near))
+    found = Label(NO_PATH)
+    for guess in sorted(paths, key=_changes_and_duration):
+        if PLAN.slack * guess.trajectory.duration > LONGEST or len(guess.trajectory) != PLAN.knots:
+            found = Label(TOO_LONG)
+            continue
+        for closely in (False, True):
+            made = attempt(near, guess, FromGuess(), Budget.of(SOLVE_SECONDS), PLAN, closely=closely)
+            found = label_of(made, scenario)
+            if found.outcome == KEPT:
+                return found
+    return found
+
+
+def near_origin(scenario: Scenario) -> Scenario:
+    """A task as the planner sees it: beginning at the origin, in lengths of the car."""
     x0, y0, _ = scenario.start
-    local = scenario.translated(-x0, -y0)
-    guess = next(HybridAStar(PLAN.knots, PLAN.search).guesses(local, Budget.of(SEARCH_SECONDS)))
-    if isinstance(guess, NoGuess):
-        return Label(NO_PATH)
-    if PLAN.slack * guess.trajectory.duration > LONGEST or len(guess.trajectory) != PLAN.knots:
-        return Label(TOO_LONG)
-    return label_of(attempt(local, guess, FromGuess(), Budget.of(SOLVE_SECONDS), PLAN, closely=False), scenario)
+    return scenario.translated(-x0, -y0).in_car_lengths
 
 
 def label_of(made: Attempt, scenario: Scenario) -> Label:
-    """The label that an attempt, made in the frame of the start, is for a scenario."""
-    kept = made.trajectory.translated(*scenario.start[:2]) if made.verified and made.trajectory else None
+    """The label that an attempt at `near_origin` of a scenario is for it."""
     cost = float("nan") if made.cost is None else made.cost.J
+    x0, y0, _ = scenario.start
+    kept = made.placed(x0, y0, near_origin(scenario).unit).trajectory if made.verified else None
+    kept = kept and kept.resampled(PLAN.knots)  # where hardly any room is left, plans have more
     return Label(KEPT if kept else UNVERIFIED, kept, cost, made.first_iterations, len(made.solves))
+
+
+def _paths(scenario: Scenario) -> Iterator[Guess]:
+    """What Hybrid A* finds, and where that changes gear, what it finds when changes are dear."""
+    for options in (PLAN.search, FEW_CHANGES):
+        guess = next(HybridAStar(PLAN.knots, options).guesses(scenario, Budget.of(SEARCH_SECONDS)))
+        if not isinstance(guess, Guess) or guess.path is None:
+            return
+        yield guess
+        if n_sections(guess.path) == 1:
+            return
+
+
+def _changes_and_duration(guess: Guess) -> tuple[int, float]:
+    assert guess.path is not None
+    return n_sections(guess.path), guess.trajectory.duration

@@ -12,7 +12,7 @@ import numpy as np
 from drake_gnnocp.experiments.tasks.car_parks import random_car_park
 from drake_gnnocp.experiments.tasks.ends import random_ends_of
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, random_obstacles
-from drake_gnnocp.experiments.tasks.place import Place
+from drake_gnnocp.experiments.tasks.place import TIGHT, Place
 from drake_gnnocp.experiments.tasks.tight_places import random_tight_place
 from drake_gnnocp.experiments.tasks.yards import random_yard
 from drake_gnnocp.scenario import Scenario
@@ -26,7 +26,7 @@ PLACE, PAIRS = 0, 1  # last word of the seeds
 def kind_of(index: int) -> str:
     """What map `index` is: one of KINDS."""
     if index >= WIDE_MAPS:
-        return "tight"
+        return TIGHT
     if index >= PAPER_MAPS:
         return "car_park" if index % 2 == 0 else "yard"
     if index % 3 < 2:
@@ -42,7 +42,7 @@ def draw_place(seed: int, index: int) -> Place:
         return random_car_park(rng)
     if kind == "yard":
         return random_yard(rng)
-    if kind == "tight":
+    if kind == TIGHT:
         return random_tight_place(rng)
     options = MapOptions(n_obstacles=int(rng.integers(OBSTACLES[0], OBSTACLES[1] + 1)))
     area = (0.0, options.side, 0.0, options.side)

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from drake_gnnocp.experiments.tasks.open_maps import TaskOptions, random_ends
-from drake_gnnocp.experiments.tasks.place import Place, are_clear, union
+from drake_gnnocp.experiments.tasks.place import TIGHT, Place, are_clear, union
 
 SLOT_SHARE = 0.7  # of the tasks begin or end in a slot, where the place has any
 LEAVING_SHARE = 1 / 3  # of these begin in it
@@ -31,7 +31,7 @@ BETA = np.arange(24) * math.pi / 12  # rad, where to look
 AROUND = 20.0  # m, how far from the area the disc may go round things
 POSES, PAIRS = 300, 50  # most draws of a pose, and of a pair before the place is given up
 DEFAULT_OPTIONS = TaskOptions()
-TIGHT = TaskOptions(distance=(3.0, 25.0), clearance=0.05, unobstructed=1.0)  # for a car of the usual length
+IN_TIGHT_PLACES = TaskOptions(distance=(3.0, 25.0), clearance=0.05, unobstructed=1.0)  # for a car of the usual length
 
 
 def random_ends_of(
@@ -70,11 +70,13 @@ def random_ends_of(
 
 
 def _options_of(place: Place) -> TaskOptions:
-    if place.kind != "tight":
+    if place.kind != TIGHT:
         return DEFAULT_OPTIONS
     unit = place.vehicle.size
-    nearest, farthest = TIGHT.distance
-    return replace(TIGHT, distance=(unit * nearest, unit * farthest), clearance=unit * TIGHT.clearance)
+    nearest, farthest = IN_TIGHT_PLACES.distance
+    return replace(
+        IN_TIGHT_PLACES, distance=(unit * nearest, unit * farthest), clearance=unit * IN_TIGHT_PLACES.clearance
+    )
 
 
 class _Site:

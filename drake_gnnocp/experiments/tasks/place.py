@@ -13,7 +13,8 @@ from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import Vehicle
 
 WIDE_KINDS = ("open", "car_park", "yard")
-KINDS = (*WIDE_KINDS, "tight")
+TIGHT = "tight"
+KINDS = (*WIDE_KINDS, TIGHT)
 SLOT_CLEARANCE = 0.1  # m, of the car in a parking slot, at least
 FEWEST, MOST = 5, 60  # obstacles of a car park or a yard
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from drake_gnnocp.experiments.tasks.place import Area, Place, are_clear, union
+from drake_gnnocp.experiments.tasks.place import TIGHT, Area, Place, are_clear, union
 from drake_gnnocp.experiments.tasks.shapes import Range, both_ways, box, moved, moved_poses, rectangle, standing
 from drake_gnnocp.experiments.tasks.tight_vehicles import log_uniform, random_tight_vehicle
 from drake_gnnocp.vehicle import Vehicle
@@ -115,7 +115,7 @@ def _placed(rng: np.random.Generator, layout: _Layout, vehicle: Vehicle, unit: f
     area: Area = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     clear = are_clear(vehicle, slots, union(rings, lines), area, LEAST_CLEARANCE * unit)
     is_bounded = bool(is_upright and rng.uniform() < 0.5)
-    return Place("tight", area, tuple(rings), tuple(slots[clear]), vehicle, tuple(lines), is_bounded)
+    return Place(TIGHT, area, tuple(rings), tuple(slots[clear]), vehicle, tuple(lines), is_bounded)
 
 
 def _neighbour(draw: _Draw, layout: _Layout, inner: float, depth: float) -> None:
