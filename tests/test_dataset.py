@@ -26,7 +26,7 @@ from drake_gnnocp.experiments.tasks.draw import WIDE_MAPS, kind_of
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.vehicle import State
+from drake_gnnocp.vehicle import State, Vehicle
 from drake_gnnocp.verification import verify
 
 SINGLE = 1e-5  # m, rad: float32 at coordinates of 40 m
@@ -148,6 +148,19 @@ def test_what_is_kept_is_verified() -> None:
     found = label(task)
     assert found.outcome == KEPT and found.trajectory is not None
     assert verify(task, found.trajectory).verified
+
+
+def test_samples_are_in_lengths_of_the_car(straight_record: MakeMap) -> None:
+    records = [straight_record(DatasetSettings(seed=3, pairs=2), WIDE_MAPS + i) for i in range(4)]
+    sizes = [record.place.vehicle.size for record in records]
+    assert min(sizes) < 0.7
+    samples = Samples.of(records, 30)
+    length = samples.vehicle[:, :3].sum(dim=1)
+    assert length.tolist() == pytest.approx([Vehicle().length] * len(records))
+    for i, (record, size) in enumerate(zip(records, sizes, strict=True)):
+        task, states = record.tasks[0], samples.states[samples.map == i][0]
+        distance = np.hypot(*(task.goal - task.start)[:2]) / size
+        assert torch.linalg.norm(states[-1, :2] - states[0, :2]).item() == pytest.approx(distance, rel=1e-4)
 
 
 def test_batches_are_seen_from_the_start(records: list[MapRecord]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import torch
 
 from drake_gnnocp.experiments.training.losses import LossWeights, kinematic_errors, loss_of
@@ -191,6 +192,20 @@ def test_what_encloses_a_hole_is_one_obstacle() -> None:
     distance = signed_distance(points, edges, mask)  # in the hole, in the wall around it, and outside
     assert distance.shape == (1, 1, 4)
     assert distance[0, 0].tolist() == pytest.approx([2.0, -4.0, 3.0, 4.0], abs=1e-3)
+
+
+def test_an_outline_of_many_edges_beside_others_of_few_is_as_far_as_it_is() -> None:
+    beta = np.linspace(0.0, 2 * math.pi, 41)[:-1]
+    outline = (6.0 + np.sin(5 * beta))[:, None] * np.column_stack([np.cos(beta), np.sin(beta)])
+    box = np.array([[20.0, 0.0], [22.0, 0.0], [22.0, 2.0], [20.0, 2.0]])
+    scenario = Scenario("many", np.array([-20.0, 0.0, 0.0]), np.array([50.0, 9.0, 0.0]), (box, outline, box + 9.0))
+    edges, mask = (torch.as_tensor(np.stack([array, array])) for array in vectors_of(scenario))
+    points = np.random.default_rng(0).uniform(-12.0, 30.0, (2, 200, 2))
+    distance = signed_distance(torch.as_tensor(points), edges, mask)
+    for ring, found in zip((box, outline, box + 9.0), distance.transpose(0, 1), strict=True):
+        polygon, at = shapely.Polygon(ring), shapely.points(points)
+        right = shapely.distance(polygon.exterior, at) * np.where(shapely.contains(polygon, at), -1.0, 1.0)
+        np.testing.assert_allclose(found, right, atol=1e-6)
 
 
 def test_a_wall_beside_the_car_counts_as_nearer_than_blocks_farther_off() -> None:

@@ -32,7 +32,7 @@ from drake_gnnocp.learning.features import (
     task_features,
 )
 from drake_gnnocp.learning.ranking import Ranking
-from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, Scene, into_frame, with_obstacles
+from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, Scene, evaluated_by_length, into_frame, with_obstacles
 from drake_gnnocp.learning.surroundings import SURROUNDINGS, nearest_obstacles, surroundings
 from drake_gnnocp.vehicle import State
 
@@ -87,10 +87,13 @@ class ObstacleEncoder(nn.Module):
 
     def forward(self, edges: Tensor, mask: Tensor, goal: Tensor) -> Tensor:
         """Tokens (B, J, D) of edges (B, J, E, 4)."""
+        return evaluated_by_length(self._tokens, goal, edges, mask)[0]
+
+    def _tokens(self, goal: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor]:
         seen = torch.cat([edges, into_frame(edges, goal)], dim=-1) / LENGTH  # (B, J, E, 8)
         hidden = self.first(seen)
         pooled = masked_max(hidden, mask)[:, :, None].expand_as(hidden)
-        return masked_max(self.second(torch.cat([hidden, pooled], dim=-1)), mask)
+        return (masked_max(self.second(torch.cat([hidden, pooled], dim=-1)), mask),)
 
 
 def masked_max(values: Tensor, mask: Tensor) -> Tensor:

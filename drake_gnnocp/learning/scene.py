@@ -10,7 +10,7 @@ of one vector each. Everything is padded to a batch; masks are True where there 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -28,6 +28,7 @@ WHEELBASE, FRONT_HANG, REAR_HANG, WIDTH, V_MAX, A_MAX, PHI_MAX, W_MAX = range(8)
 MOST_OBSTACLES, MOST_VERTICES = 100, 200
 SEVERAL_VERTICES = 60  # of a polygon: one with more is made simpler, within STEP at first, and COARSER times twice that
 STEP, COARSER = 0.15, 5  # m, -
+FEW_EDGES = 8  # of an obstacle: those with more are looked at apart, see `evaluated_by_length`
 WALLS_WITHIN = 100.0  # m, of the box around start and goal: bounds farther away are no matter
 
 
@@ -52,6 +53,27 @@ def with_obstacles(scene: Scene, which: Tensor) -> Scene:
     """The scenes with some of their obstacles (B, J')."""
     rows = torch.arange(len(scene))[:, None]
     return Scene(scene.edges[rows, which], scene.mask[rows, which], scene.goal, scene.vehicle)
+
+
+def evaluated_by_length(
+    evaluate: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, ...]], of_scenes: Tensor, edges: Tensor, mask: Tensor
+) -> tuple[Tensor, ...]:
+    """What a function finds of obstacles, at a cost that is linear in the number of their edges.
+
+    Most obstacles have few edges, and some outlines hundreds: padded to these, all would cost as much.
+
+    Args:
+        evaluate: of something about every scene (B, ...), edges (B, J, E, 4) and mask (B, J, E): tensors (B, J, ...).
+        of_scenes: (B, ...).
+        edges: (B, J, E, 4) [m].
+        mask: (B, J, E).
+    """
+    found = evaluate(of_scenes, edges[:, :, :FEW_EDGES], mask[:, :, :FEW_EDGES])
+    scenes, obstacles = mask[:, :, FEW_EDGES:].any(dim=2).nonzero(as_tuple=True)  # with more
+    if not len(scenes):
+        return found
+    apart = evaluate(of_scenes[scenes], edges[scenes, obstacles][:, None], mask[scenes, obstacles][:, None])
+    return tuple(of_all.index_put((scenes, obstacles), some[:, 0]) for of_all, some in zip(found, apart, strict=True))
 
 
 def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:

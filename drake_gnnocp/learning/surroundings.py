@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene
+from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene, evaluated_by_length
 
 STATIONS = (0.0, 0.5, 1.0)  # of the way from the rear bumper's side to the front's, see `stations`
 SURROUNDINGS = 4 * len(STATIONS)  # nearest x, y, nearness and side, at each station
@@ -44,19 +44,27 @@ def nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor
     """
     x, y = points[:, None].unbind(dim=-1)  # (B, 1, P)
     with torch.no_grad():
-        to_x, to_y, squared, cross = _towards_edges(points, edges, mask)
-        least, which = squared.min(dim=0, keepdim=True)
-        nearest_x, nearest_y = to_x.gather(0, which)[0] + x, to_y.gather(0, which)[0] + y
-        side = _side(squared, cross, least[0])
+        nearest_x, nearest_y, side = evaluated_by_length(_nearest, points, edges, mask)
     return nearest_x - x, nearest_y - y, side
+
+
+def _nearest(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    x, y = points[:, None].unbind(dim=-1)  # (B, 1, P)
+    to_x, to_y, squared, cross = _towards_edges(points, edges, mask)
+    least, which = squared.min(dim=0, keepdim=True)
+    return to_x.gather(0, which)[0] + x, to_y.gather(0, which)[0] + y, _side(squared, cross, least[0])
 
 
 @torch.no_grad()
 def signed_distance(points: Tensor, edges: Tensor, mask: Tensor) -> Tensor:
     """Distance (B, J, P) of points (B, P, 2) to every obstacle, negative left of its nearest edge [m]; no gradients."""
+    return evaluated_by_length(_signed_distance, points, edges, mask)[0]
+
+
+def _signed_distance(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor]:
     _, _, squared, cross = _towards_edges(points, edges, mask)
     least = squared.amin(dim=0)
-    return torch.sqrt(least) * _side(squared, cross, least)
+    return (torch.sqrt(least) * _side(squared, cross, least),)
 
 
 def _towards_edges(points: Tensor, edges: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:

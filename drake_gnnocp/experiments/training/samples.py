@@ -1,4 +1,4 @@
-"""The dataset as tensors, and batches of it, mirrored and reversed at random."""
+"""The dataset as tensors, in lengths of the car as it is planned in, and batches, mirrored and reversed at random."""
 
 from __future__ import annotations
 
@@ -51,13 +51,18 @@ class Samples:
     @classmethod
     def of(cls, records: Iterable[MapRecord], points: int) -> Samples:
         """The kept trajectories of maps, at `points` points each."""
-        solved = [(record, record.trajectories) for record in records if record.trajectories]
-        kept = [(row, trajectory) for row, (_, found) in enumerate(solved) for trajectory in found]
-        vectors = [vectors_of(record.tasks[0]) for record, _ in solved]
+        solved = [record for record in records if record.trajectories]
+        scenes = [record.tasks[0].in_car_lengths for record in solved]
+        kept = [
+            (row, trajectory.scaled(1 / scene.unit))
+            for row, (record, scene) in enumerate(zip(solved, scenes, strict=True))
+            for trajectory in record.trajectories
+        ]
+        vectors = [vectors_of(scene) for scene in scenes]
         return cls(
             torch.tensor(padded([edges for edges, _ in vectors])).float(),
             torch.tensor(padded([mask for _, mask in vectors])),
-            torch.tensor([vehicle_row(record.place.vehicle) for record, _ in solved]),
+            torch.tensor([vehicle_row(scene.vehicle) for scene in scenes]),
             torch.tensor([row for row, _ in kept]),
             torch.tensor(np.array([trajectory.resampled(points).states for _, trajectory in kept])).float(),
             torch.tensor([trajectory.duration for _, trajectory in kept]).float(),
