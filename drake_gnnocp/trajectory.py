@@ -11,6 +11,7 @@ from drake_gnnocp.files import read_text, write_atomically
 from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.vehicle import Input, State
 
+REST = 1e-3  # m/s, slower is standing
 COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
 
 
@@ -48,6 +49,12 @@ class Trajectory:
     def path_length(self) -> float:
         """Length of the straight lines from knot to knot [m]."""
         return float(np.linalg.norm(np.diff(self.poses[:, :2], axis=0), axis=1).sum())
+
+    @property
+    def gear_changes(self) -> int:
+        """How often it changes between forward and reverse."""
+        v = self.states[:, State.V]
+        return int(np.count_nonzero(np.diff(np.sign(v[np.abs(v) > REST]))))
 
     @property
     def poses(self) -> np.ndarray:

@@ -214,7 +214,7 @@ def test_the_papers_numbers_are_the_papers() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "SCENARIO or --tasks: nothing to plan"),
+        ([], "SCENARIO, --tasks or --tight: nothing to plan"),
         (["map_z"], "map_z: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
         (["map_a", "--methods", "gnn", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
         (["map_a", "--methods", "auto", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),

@@ -163,6 +163,7 @@ def run_of_plan(key: Key, source: str, result: Plan) -> Run:
         fallback=result.guess_source != source,
         clearance_m=check.min_clearance_m if check else math.nan,
         duration_s=result.trajectory.duration if result.trajectory else math.nan,
+        gear_changes=result.trajectory.gear_changes if result.trajectory else math.nan,
         disparity_position=off.position,
         disparity_theta=off.theta,
         disparity_v=off.v,

@@ -46,6 +46,7 @@ class Run:
     fallback: bool = False  # the plan came from another guess than the one that the method asks for first
     clearance_m: float = math.nan  # m, footprint to the nearest polygon
     duration_s: float = math.nan  # s, of the plan
+    gear_changes: float = math.nan  # of the plan
     disparity_position: float = math.nan  # m, of the guess and the optimum, summed over the knots
     disparity_theta: float = math.nan  # rad
     disparity_v: float = math.nan  # m/s
@@ -66,8 +67,8 @@ class Run:
 _WORK = "build_s solve_s total_s convex_steps first_iterations iterations rounds"
 _OFF = "disparity_position disparity_theta disparity_v disparity_phi guess_blocked guess_gap_m"
 # the columns of the files: of planning, of solving, and of guesses that are only measured
-PLANNED = f"scenario kind method repeat guess_s {_WORK} cost verified fallback clearance_m duration_s {_OFF}".split()
-PLANNED += ["status", "reason"]
+PLANNED = f"scenario kind method repeat guess_s {_WORK} cost verified fallback clearance_m duration_s".split()
+PLANNED += f"gear_changes {_OFF} status reason".split()
 SOLVED = f"kind scenario guess method {_WORK} rows cost clearance_m converged verified status reason".split()
 GUESSED = "scenario kind method optima position_error_m guess_blocked guess_gap_m".split()
 TYPES = {field.name: str(field.type) for field in fields(Run)}

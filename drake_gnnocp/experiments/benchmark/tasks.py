@@ -7,14 +7,14 @@ could solve. They are taken round-robin: the first pair of start and goal of eve
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings
 from drake_gnnocp.experiments.dataset.records import split_of
 from drake_gnnocp.experiments.tasks.draw import draw_place, draw_task, kind_of
 from drake_gnnocp.experiments.tasks.open_maps import random_task
-from drake_gnnocp.experiments.tasks.place import WIDE_KINDS
+from drake_gnnocp.experiments.tasks.place import TIGHT, WIDE_KINDS
 from drake_gnnocp.scenario import Scenario, bundled_scenarios
 
 LIBRARY, FILE = "library", "file"  # kinds of scenarios with a name; the others are the kinds of places
@@ -33,6 +33,7 @@ def _test_maps() -> tuple[int, ...]:
 
 
 TEST_MAPS = _test_maps()
+TIGHT_TEST_MAPS = tuple(i for i in range(DATASET.maps) if (split_of(i), kind_of(i)) == ("test", TIGHT))
 
 
 @dataclass(frozen=True)
@@ -76,14 +77,19 @@ def random_tasks(seed: int, n: int) -> list[Task]:
 
 
 def drawn_tasks(n: int) -> list[Task]:
-    """The first n tasks on test maps, or as many as there are."""
-    return list(itertools.islice(_drawn(), n))
+    """The first n tasks on test maps that are not tight, or as many as there are."""
+    return list(itertools.islice(_drawn(TEST_MAPS), n))
 
 
-def _drawn() -> Iterator[Task]:
+def tight_tasks(n: int) -> list[Task]:
+    """The first n tasks in tight places of the test, or as many as there are."""
+    return list(itertools.islice(_drawn(TIGHT_TEST_MAPS), n))
+
+
+def _drawn(maps: Sequence[int]) -> Iterator[Task]:
     places = {}
     for pair in range(DATASET.pairs):
-        for index in TEST_MAPS:
+        for index in maps:
             if index not in places:
                 places[index] = draw_place(DATASET.seed, index)
             scenario = draw_task(DATASET.seed, index, places[index], pair)

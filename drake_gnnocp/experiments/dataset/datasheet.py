@@ -17,12 +17,9 @@ from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.experiments.text import markdown_table
 from drake_gnnocp.files import write_atomically
 from drake_gnnocp.pictures import style
-from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.vehicle import State
 
 FIGURE_SIZE = (7.2, 5.6)  # inch
 BINS = 40
-REST = 1e-3  # m/s, slower is standing
 WHOLE = ("gear changes", "obstacles on the map")  # columns of whole numbers
 COLUMNS = ("duration [s]", "start to goal [m]", "length of the path [m]", "gear changes", "cost J", WHOLE[1])
 
@@ -75,7 +72,7 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
             trajectory.duration,
             float(np.hypot(*(task.goal - task.start)[:2])),  # as the crow flies
             trajectory.path_length,
-            _gear_changes(trajectory),
+            trajectory.gear_changes,
             label.cost,
             len(record.place.obstacles),
         )
@@ -84,11 +81,6 @@ def numbers_of(records: Sequence[MapRecord]) -> Numbers:
         if (trajectory := label.trajectory) is not None
     ]
     return dict(zip(COLUMNS, np.array(rows, dtype=float).reshape(-1, len(COLUMNS)).T, strict=True))
-
-
-def _gear_changes(trajectory: Trajectory) -> int:
-    v = trajectory.column(State.V)
-    return int(np.count_nonzero(np.diff(np.sign(v[np.abs(v) > REST]))))
 
 
 def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:

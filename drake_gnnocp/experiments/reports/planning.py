@@ -22,7 +22,16 @@ from drake_gnnocp.experiments.benchmark.methods import (
     check_methods,
 )
 from drake_gnnocp.experiments.benchmark.planning import Settings, planning_engine, planning_jobs
-from drake_gnnocp.experiments.benchmark.tasks import DATASET, NAMED, TEST_MAPS, drawn_tasks, named_tasks
+from drake_gnnocp.experiments.benchmark.tasks import (
+    DATASET,
+    NAMED,
+    TEST_MAPS,
+    TIGHT_TEST_MAPS,
+    Task,
+    drawn_tasks,
+    named_tasks,
+    tight_tasks,
+)
 from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser
 from drake_gnnocp.experiments.reports import report
 from drake_gnnocp.files import locked, write_atomically
@@ -31,7 +40,8 @@ DEFAULTS = Settings()
 NOTES = """\
 One thread a process. *Guess*, *build* and *solve* sum up all attempts of a plan; *total* is the wall time of the whole
 call, with the verifications between the solves. *Verified* is the independent dense check; *fallback* is a plan that
-came from another guess than the one its method asks for first. Failures are in all numbers except costs.
+came from another guess than the one its method asks for first. Failures are in all numbers except costs and changes of
+gear (a mean).
 """
 GUESS_NOTE = """\
 Cumulated over the knots, the guess that the solver started from against its optimum; the share of its
@@ -48,7 +58,8 @@ SET_COLUMNS = """maps: {maps} | method: {method} | attempted: {attempted} |
     verified: {verified} ({verified_percent:.0f} %) | without fallback: {own} ({own_percent:.0f} %) |
     guess s: <guess_s:2> | build s: <build_s:2> | solve s: <solve_s:2> | total s: <total_s:2> |
     guess + build + solve s: <planned_s:2> | SQP steps: <convex_steps:0> |
-    first solve, iterations: <first_iterations:0> | all iterations: <iterations:0> | cost J: {cost:.2f}"""
+    first solve, iterations: <first_iterations:0> | all iterations: <iterations:0> | cost J: {cost:.2f} |
+    changes of gear: {gear_changes:.2f}"""
 SPREAD_OF = ["guess_s", "build_s", "solve_s", "total_s", "planned_s", "convex_steps", "first_iterations", "iterations"]
 RATIOS = [(method, other) for method in (GNN, AUTO, GNN_PAPER) for other in (HYBRID_ASTAR, RRT_STAR)]
 RATIO_COLUMNS = """maps: {maps} | methods: {method} / {method_other} | n: {n} |
@@ -70,6 +81,9 @@ def _parser() -> OneLineParser:
     most = len(TEST_MAPS) * DATASET.pairs
     tasks = f"and the first N of {most} random tasks on {len(TEST_MAPS)} maps that are in no training (default: 0)"
     add("--tasks", type=count, default=0, metavar="N", help=tasks)
+    most = len(TIGHT_TEST_MAPS) * DATASET.tight_pairs
+    tight = f"and the first N of {most} in tight places, with cars, robots and trucks (default: 0)"
+    add("--tight", type=count, default=0, metavar="N", help=tight)
     names = f"some of {', '.join(PLANNERS)} (default: all)"
     add("--methods", nargs="+", choices=PLANNERS, default=list(PLANNERS), metavar="METHOD", help=names)
     add("--repeat", type=positive, default=1, metavar="N", help="times that each is run (default: %(default)s)")
@@ -86,21 +100,28 @@ def main(argv: list[str] | None = None) -> int:
     given = _parser().parse_args(argv)
     log_to_stderr()
     settings, methods = Settings(given.max_seconds, given.seed, given.weights), list(dict.fromkeys(given.methods))
-    texts = run(given.scenarios, given.tasks, methods, given.repeat, given.jobs, settings, given.out)
+    tasks = drawn_tasks(given.tasks) + tight_tasks(given.tight)
+    texts = run(given.scenarios, tasks, methods, given.repeat, given.jobs, settings, given.out)
     return reported(texts, given.out)
 
 
 def run(
-    scenarios: list[str], n_drawn: int, names: Sequence[str], repeats: int, jobs: int, settings: Settings, folder: Path
+    scenarios: list[str],
+    drawn: list[Task],
+    names: Sequence[str],
+    repeats: int,
+    jobs: int,
+    settings: Settings,
+    folder: Path,
 ) -> Iterator[str]:
     """Run methods on named scenarios and drawn tasks, in `jobs` processes; yields the summary."""
-    if not scenarios and not n_drawn:
-        raise ValueError("SCENARIO or --tasks: nothing to plan; try map_a map_b map_c map_d --tasks 20")
+    if not scenarios and not drawn:
+        raise ValueError("SCENARIO, --tasks or --tight: nothing to plan; try map_a map_b map_c map_d --tasks 20")
     methods, tasks = settings.methods(names), named_tasks(scenarios)
     check_methods(methods)
     with locked(folder):
         engine = planning_engine(folder, methods, settings)
-        engine.run(planning_jobs(tasks + drawn_tasks(n_drawn), methods, repeats, settings), jobs)
+        engine.run(planning_jobs(tasks + drawn, methods, repeats, settings), jobs)
         summary = summarise(engine.file.table)
         write_atomically(folder / "summary.md", summary)
     yield summary
@@ -139,7 +160,8 @@ def _named_table(runs: pd.DataFrame) -> str:
 def _set(runs: pd.DataFrame) -> pd.DataFrame:
     by = ["method"]
     spreads = report.percentiles(runs, by, SPREAD_OF, report.SPREAD)
-    return report.counts(runs, by).join([spreads, report.medians(runs[runs.verified], by, ["cost"])])
+    verified = runs[runs.verified].groupby(by)
+    return report.counts(runs, by).join([spreads, verified[["cost"]].median(), verified[["gear_changes"]].mean()])
 
 
 def _ratios(runs: pd.DataFrame) -> pd.DataFrame:
