@@ -163,6 +163,15 @@ def test_samples_are_in_lengths_of_the_car(straight_record: MakeMap) -> None:
         assert torch.linalg.norm(states[-1, :2] - states[0, :2]).item() == pytest.approx(distance, rel=1e-4)
 
 
+def test_samples_in_tight_places_may_count_more(straight_record: MakeMap) -> None:
+    settings = DatasetSettings(seed=3, pairs=4)
+    samples = Samples.of([straight_record(settings, index) for index in (0, WIDE_MAPS)], 30)
+    more = samples.with_more_tight(3)
+    before, after = (torch.bincount(of.map, minlength=2).tolist() for of in (samples, more))
+    assert before == [2, 2] and after == [2, 6]
+    torch.testing.assert_close(more.states[more.map == 1][::2], samples.states[samples.map == 1].repeat(3, 1, 1)[::2])
+
+
 def test_batches_are_seen_from_the_start(records: list[MapRecord]) -> None:
     samples = Samples.of(records, 30)
     rows = torch.arange(len(samples))

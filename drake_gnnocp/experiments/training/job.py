@@ -45,6 +45,7 @@ def run(job: Job, folder: Path) -> Progress:
     if not any(record.trajectories for record in learned) or not any(record.trajectories for record in unseen):
         raise DatasetError(f"{job.data}: needs trajectories on training and on validation maps")
     training, validation = (Samples.of(maps, job.config.points) for maps in (learned, unseen))
+    training = training.with_more_tight(job.options.tight_times)
     network = _beginning(job)
     tasks = validation_tasks(unseen, job.check_tasks)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from drake_gnnocp.experiments.dataset.records import MapRecord
+from drake_gnnocp.experiments.tasks.place import TIGHT
 from drake_gnnocp.learning.scene import (
     Scene,
     into_frame,
@@ -41,6 +42,7 @@ class Samples:
     edges: Tensor  # (M, J, E, 4) [m]
     mask: Tensor  # (M, J, E)
     vehicle: Tensor  # (M, 8)
+    is_tight: Tensor  # (M,) bool
     map: Tensor  # (S,) row of the map
     states: Tensor  # (S, T, 5) at equal steps [m, m, rad, m/s, rad]
     duration: Tensor  # (S,) [s]
@@ -63,10 +65,17 @@ class Samples:
             torch.tensor(padded([edges for edges, _ in vectors])).float(),
             torch.tensor(padded([mask for _, mask in vectors])),
             torch.tensor([vehicle_row(scene.vehicle) for scene in scenes]),
+            torch.tensor([record.place.kind == TIGHT for record in solved]),
             torch.tensor([row for row, _ in kept]),
             torch.tensor(np.array([trajectory.resampled(points).states for _, trajectory in kept])).float(),
             torch.tensor([trajectory.duration for _, trajectory in kept]).float(),
         )
+
+    def with_more_tight(self, times: int) -> Samples:
+        """With those in tight places so many times: there are few of them."""
+        rows = torch.arange(len(self))
+        rows = torch.cat([rows, rows[self.is_tight[self.map]].repeat(times - 1)])
+        return replace(self, map=self.map[rows], states=self.states[rows], duration=self.duration[rows])
 
     def random_batches(self, size: int, generator: torch.Generator) -> list[Tensor]:
         """All samples in random batches of rows, each of samples with about as many obstacles: less is padding."""

@@ -33,12 +33,14 @@ class TrainingOptions:
     cosine: bool = False  # whether the learning rate falls to zero along a cosine after the warm-up
     weight_decay: float = 0.0
     largest_gradient: float = math.inf  # norm, longer gradients are shortened
+    tight_times: int = 1  # that a sample in a tight place counts for one elsewhere
     losses: LossWeights = field(default_factory=LossWeights)  # of the `default` network
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.batch < 1:
-            raise ValueError(f"batch: must be 1 or more, not {self.batch}")
+        for name in ("batch", "tight_times"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: must be 1 or more, not {getattr(self, name)}")
 
 
 PAPER_TRAINING = TrainingOptions()
