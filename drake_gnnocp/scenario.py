@@ -257,6 +257,12 @@ class Scenario:
         offset = np.array([dx, dy])
         return self._mapped(lambda points: points + offset)
 
+    @property
+    def as_planned(self) -> Scenario:
+        """The same task as planners work on it: near the origin, in lengths of the car."""
+        x0, y0, _ = self.start
+        return self.translated(-x0, -y0).in_car_lengths
+
     @cached_property
     def in_car_lengths(self) -> Scenario:
         """The same task, near the origin, in a unit of length in which the car is as long as the default one.

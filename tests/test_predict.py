@@ -16,7 +16,7 @@ from drake_gnnocp.learning.predict import guesses, interpolated, spline_matrices
 from drake_gnnocp.learning.ranking import Ranking, rank_features
 from drake_gnnocp.learning.scene import MOST_OBSTACLES, Scene, scene_of, vectors_of
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.vehicle import Vehicle
+from drake_gnnocp.vehicle import State, Vehicle
 
 SAME = 2e-3  # m and s: float32 on tens of metres through some 10 layers
 
@@ -42,7 +42,16 @@ def test_the_ranking_sees_defects_and_penetration_in_metres() -> None:
     vehicle = scene_of(Scenario.load("map_a")).vehicle
     scene = Scene(edges, torch.ones(1, 1, 4, dtype=torch.bool), torch.zeros(1, 3), vehicle)
     features = rank_features(states, torch.tensor([[10.0]]), torch.tensor([[-0.7]]), scene)
-    assert features[0, 0].tolist() == pytest.approx([-0.7, 1 / 6, 1.0, Vehicle().width / 2 - 0.5, 10.0], abs=1e-5)
+    assert features[0, 0].tolist() == pytest.approx([-0.7, 1 / 6, 1.0, Vehicle().width / 2 - 0.5, 10.0, 0.0], abs=1e-5)
+
+
+def test_the_ranking_sees_changes_of_gear() -> None:
+    states = torch.zeros(1, 2, 6, 5)
+    states[0, 0, :, State.V] = torch.tensor([0.0, 1.0, -1.0, -1.0, 2.0, 0.0])
+    states[0, 1, :, State.V] = torch.tensor([0.0, -1.0, -2.0, -1.0, -0.1, 0.0])
+    scene = scene_of(Scenario.load("map_a"))
+    features = rank_features(states, torch.full((1, 2), 10.0), torch.zeros(1, 2), scene)
+    assert features[0, :, -1].tolist() == [2.0, 0.0]
 
 
 @pytest.mark.parametrize("turn", [False, True], ids=["mirrored", "the other way"])

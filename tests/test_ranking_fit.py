@@ -14,17 +14,20 @@ from drake_gnnocp.experiments.training import ranking_fit
 from drake_gnnocp.experiments.training.ranking_fit import Observations, fit_ranking, fitted_ranking, log_likelihood
 from drake_gnnocp.learning.checkpoint import load_weights, save_weights
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
-from drake_gnnocp.learning.ranking import Ranking
+from drake_gnnocp.learning.ranking import N_FEATURES, Ranking
 
-KNOWN = Ranking(score=0.5, defect=-20.0, largest_defect=-1.0, penetration=-8.0, duration=-0.1)
-SPREAD = (2.0, 0.05, 0.6, 0.1, 10.0)  # of the features: each moves the logit by 0.6 to 1
+KNOWN = Ranking(
+    score=0.5, defect=-20.0, largest_defect=-1.0, penetration=-8.0, duration=-0.1, gear_changes=-0.4, intercept=0.7
+)
+SPREAD = (2.0, 0.05, 0.6, 0.1, 10.0, 2.0)  # of the features: each moves the logit by 0.6 to 1
 SAMPLING = 0.1  # relative, of weights that are fitted to 20,000 outcomes
 
 
 def drawn(ranking: Ranking, n: int) -> Observations:
     rng = torch.Generator().manual_seed(0)
-    features = torch.randn(n, 5, generator=rng, dtype=torch.double) * torch.tensor(SPREAD)
-    share = torch.sigmoid(ranking.promise(features) + 0.7)
+    features = torch.randn(n, N_FEATURES, generator=rng, dtype=torch.double) * torch.tensor(SPREAD)
+    assert ranking.intercept is not None
+    share = torch.sigmoid(ranking.promise(features) + ranking.intercept)
     return Observations(features, (torch.rand(n, generator=rng, dtype=torch.double) < share).double())
 
 
@@ -37,6 +40,20 @@ def test_a_fit_is_likelier_than_any_other_ranking() -> None:
     best = log_likelihood(fitted_ranking(seen), seen)
     assert log_likelihood(KNOWN, seen) < best
     assert log_likelihood(Ranking(), seen) < log_likelihood(KNOWN, seen)
+
+
+def test_of_hypotheses_with_a_probability_as_many_converge() -> None:
+    seen = drawn(KNOWN, 20_000)
+    ranking = fitted_ranking(drawn(KNOWN, 2_000))
+    predicted = torch.tensor([ranking.probability(promise) for promise in ranking.promise(seen.features).tolist()])
+    for low in (0.1, 0.3, 0.5, 0.7, 0.9):
+        these = (predicted - low).abs() < 0.05
+        assert these.sum() > 300
+        assert seen.converged[these].mean().item() == pytest.approx(predicted[these].mean().item(), abs=0.06)
+
+
+def test_without_a_fit_there_is_no_probability() -> None:
+    assert Ranking().probability(1.0) is None
 
 
 def test_a_feature_that_never_changes_gets_no_weight() -> None:
@@ -58,6 +75,6 @@ def test_the_fit_is_written_into_the_file_of_the_weights(tmp_path: Path, monkeyp
     table = fit_ranking(path, tasks)
     found, about = load_weights(path)
     assert found.ranking != network.ranking and about == {"epoch": 3}
-    assert f"| weight of duration | 0 | {found.ranking.duration:.4g} |" in table
+    assert f"| duration | 0 | {found.ranking.duration:.4g} |" in table
     for name, weights in network.state_dict().items():
         assert torch.equal(found.state_dict()[name], weights)

@@ -33,6 +33,7 @@ class Guess:
     trajectory: Trajectory
     seconds: float = 0.0  # s, that it took
     path: GearedPath | None = None  # that the trajectory puts a time to, where there is one
+    probability: float | None = None  # that the planner's SQP steps from it converge, where that is predicted
     is_timed: bool = False  # whether it has the timing of an optimum already, and the duration that is wanted
 
     def __post_init__(self) -> None:

@@ -50,12 +50,14 @@ class Learned:
 
     def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
         """The hypotheses."""
-        from drake_gnnocp.learning.predict import guesses
+        from drake_gnnocp.learning.predict import hypotheses, interpolated
 
         begin = time.monotonic()
-        for rank, trajectory in enumerate(guesses(load_network(self.weights), scenario, self.knots), start=1):
+        for rank, hypothesis in enumerate(hypotheses(load_network(self.weights), scenario), start=1):
+            trajectory = interpolated(hypothesis.points, hypothesis.duration, scenario, self.knots)
             try:
-                guess = Guess(self.name, trajectory, time.monotonic() - begin, is_timed=True)
+                seconds, probability = time.monotonic() - begin, hypothesis.probability
+                guess = Guess(self.name, trajectory, seconds, probability=probability, is_timed=True)
             except ValueError as error:  # finite weights may still predict numbers that are not
                 yield NoGuess(self.name, str(error), time.monotonic() - begin)
                 return

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,10 @@ def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
         raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
     if saved not in (None, checksum):
         raise WeightsError(f"{path}: damaged: what it holds is not what was saved")
-    numbers = [*network.state_dict().values(), torch.tensor(astuple(network.ranking))]
+    numbers = [
+        *network.state_dict().values(),
+        torch.tensor([*network.ranking.weights, network.ranking.intercept or 0.0]),
+    ]
     if not all(torch.isfinite(tensor).all() for tensor in numbers):
         raise WeightsError(f"{path}: holds weights that are not finite")
     return network.eval(), about

@@ -45,8 +45,9 @@ class Hypothesis:
 
     points: np.ndarray  # (T, 5) x, y, theta, v, phi at equal steps [m, m, rad, m/s, rad]
     duration: float  # s
-    features: Tensor  # (5,) see `rank_features`
+    features: Tensor  # (N_FEATURES,) see `rank_features`
     promise: float  # see `Ranking`
+    probability: float | None  # that the planner's SQP steps from it converge
 
 
 def guesses(network: Network, scenario: Scenario, n_knots: int) -> Iterator[Trajectory]:
@@ -118,8 +119,9 @@ def _seen_from(
         states[..., 2] -= 2 * torch.pi * turns
     features = rank_features(states, prediction.duration, prediction.score, scene)[0]
     promise = network.ranking.promise(features).tolist()
+    probability = map(network.ranking.probability, promise)
     points, durations = states[0].double().cpu().numpy(), prediction.duration[0].tolist()
-    return [Hypothesis(*row) for row in zip(points, durations, features, promise, strict=True)]
+    return [Hypothesis(*row) for row in zip(points, durations, features, promise, probability, strict=True)]
 
 
 def interpolated(points: np.ndarray, duration: float, scenario: Scenario, n_knots: int) -> Trajectory:

@@ -40,6 +40,7 @@ class Attempt:
     source: str  # of the guess
     guess_seconds: float  # s, making the guess and timing it
     start: Trajectory | None  # the timed guess the solver started from, or would have
+    probability: float | None = None  # that the network gave the guess, see `learning.ranking`
     sqp_steps: int = 0  # before the first solve
     sqp_seconds: float = 0.0  # s
     solves: tuple[Solve, ...] = ()
@@ -105,6 +106,7 @@ class Attempt:
             "guess": self.source,
             "goal": self.goal,
             "guess_seconds": self.guess_seconds,
+            "guess_probability": self.probability,
             "build_seconds": self.build_seconds,
             "solve_seconds": self.solve_seconds,
             "convex_steps": self.sqp_steps,
@@ -178,7 +180,8 @@ def attempt(
             refined = minimum_time.quicker(task, refined, options.cost, options.margin, budget)
     elif exact is not scenario:
         refined = relaxed(scenario, refined, options.cost, options.margin, budget)
-    made = Attempt(guess.source, seconds, start, reason=_found(guess) + refined.reason if refined.reason else "")
+    reason = _found(guess) + refined.reason if refined.reason else ""
+    made = Attempt(guess.source, seconds, start, guess.probability, reason=reason)
     if steps is not None and refined.solves:
         made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
     return _with_solves(scenario, made, refined, options)

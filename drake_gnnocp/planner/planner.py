@@ -104,9 +104,7 @@ def _planned(
         seconds = horizon.seconds if isinstance(horizon, Fixed) else STANDING
         standing = replace(at_rest(scenario, seconds, options), goal=reached)
         return Plan(scenario, (standing,), 0, budget.spent)
-    x0, y0, _ = scenario.start  # work near the origin, see Scenario.translated
-    near = scenario.translated(-x0, -y0).in_car_lengths
-    schedule = Schedule(near, horizon, budget, options)
+    schedule = Schedule(scenario.as_planned, horizon, budget, options)
     several = Goals(scenario, source, horizon, budget, options) if has_choice(scenario) else None
     try:
         attempts = attempts_of(schedule, source) if several is None else several.plan()

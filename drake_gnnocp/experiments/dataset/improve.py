@@ -17,7 +17,7 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, load_map
-from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, PLAN, SOLVE_SECONDS, Label, label_of, near_origin
+from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, PLAN, SOLVE_SECONDS, Label, label_of
 from drake_gnnocp.experiments.dataset.records import MapRecord
 from drake_gnnocp.guesses import Guess, Learned, NoGuess
 from drake_gnnocp.guesses.learned import bundled_weights
@@ -62,7 +62,7 @@ def improved_map(settings: DatasetSettings, index: int, dataset: Path, weights: 
 def improved_label(scenario: Scenario, label: Label, weights: Path | None = None) -> Label:
     """The label of a task, anywhere, or a better one from the network's hypotheses."""
     x0, y0, _ = scenario.start
-    local, best, budget = near_origin(scenario), label, Budget.of(SOLVE_SECONDS)
+    local, best, budget = scenario.as_planned, label, Budget.of(SOLVE_SECONDS)
     converged: list[tuple[float, Guess, SqpSteps]] = []
     for guess in Learned(PLAN.knots, weights, HYPOTHESES).guesses(local, budget):
         if isinstance(guess, NoGuess):
@@ -78,7 +78,7 @@ def improved_label(scenario: Scenario, label: Label, weights: Path | None = None
     for cost, guess, steps in sorted(converged, key=lambda candidate: candidate[0])[:SOLVES]:
         known = best.cost if best.outcome == KEPT else math.inf
         if cost < CHEAPER * known:
-            found = label_of(attempt(local, guess, FromGuess(), budget, PLAN, steps), scenario)
+            found = label_of(attempt(local, guess, FromGuess(), budget, PLAN, steps), scenario, local.unit)
             if found.outcome == KEPT and found.cost < CHEAPER * known:
                 best = replace(found, source=LEARNED)
     return best

@@ -40,7 +40,7 @@ class Label:
 
 def label(scenario: Scenario) -> Label:
     """Solve a task, anywhere, and keep the plan if it is verified: the one from the path of fewest changes of gear."""
-    near = near_origin(scenario)
+    near = scenario.as_planned
     paths = list(_paths(near))
     found = Label(NO_PATH)
     for guess in sorted(paths, key=_changes_and_duration):
@@ -49,23 +49,17 @@ def label(scenario: Scenario) -> Label:
             continue
         for closely in (False, True):
             made = attempt(near, guess, FromGuess(), Budget.of(SOLVE_SECONDS), PLAN, closely=closely)
-            found = label_of(made, scenario)
+            found = label_of(made, scenario, near.unit)
             if found.outcome == KEPT:
                 return found
     return found
 
 
-def near_origin(scenario: Scenario) -> Scenario:
-    """A task as the planner sees it: beginning at the origin, in lengths of the car."""
-    x0, y0, _ = scenario.start
-    return scenario.translated(-x0, -y0).in_car_lengths
-
-
-def label_of(made: Attempt, scenario: Scenario) -> Label:
-    """The label that an attempt at `near_origin` of a scenario is for it."""
+def label_of(made: Attempt, scenario: Scenario, unit: float) -> Label:
+    """The label that an attempt at a scenario `as_planned`, where lengths are in a unit [m], is for it."""
     cost = float("nan") if made.cost is None else made.cost.J
     x0, y0, _ = scenario.start
-    kept = made.placed(x0, y0, near_origin(scenario).unit).trajectory if made.verified else None
+    kept = made.placed(x0, y0, unit).trajectory if made.verified else None
     kept = kept and kept.resampled(PLAN.knots)  # where hardly any room is left, plans have more
     return Label(KEPT if kept else UNVERIFIED, kept, cost, made.first_iterations, len(made.solves))
 

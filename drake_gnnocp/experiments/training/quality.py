@@ -55,8 +55,7 @@ def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float
 
 def _planned(network: Network, task: Scenario) -> tuple[int, Attempt | None]:
     """Rank of the hypothesis whose SQP steps converged first, and the attempt that it led to."""
-    x0, y0, _ = task.start
-    local, options, budget = task.translated(-x0, -y0), PlanOptions(), Budget.of(MAX_SECONDS)
+    local, options, budget = task.as_planned, PlanOptions(), Budget.of(MAX_SECONDS)
     source = _Hypotheses(list(islice(guesses(network, local, options.knots), options.hypotheses)))
     guess, steps = next(screened(local, source, budget, options), (None, None))
     if guess is None:

@@ -35,7 +35,7 @@ MOST_ITERATIONS = 500  # of L-BFGS
 class Observations:
     """Hypotheses and what became of them."""
 
-    features: Tensor  # (N, 5) in the order of the fields of `Ranking`, double
+    features: Tensor  # (N, N_FEATURES) in the order of the fields of `Ranking`, double
     converged: Tensor  # (N,) 1 where the SQP steps converged, else 0, double
 
 
@@ -54,7 +54,7 @@ def fit_ranking(path: Path, tasks: list[Scenario]) -> str:
     save_weights(path, network, about)
     rankings = (before, network.ranking)
     rows = [
-        [f"weight of {name}", *(f"{getattr(ranking, name):.4g}" for ranking in rankings)] for name in asdict(before)
+        [name.replace("_", " "), *(_number(getattr(ranking, name)) for ranking in rankings)] for name in asdict(before)
     ]
     rows.append(["log-likelihood of a hypothesis", *(f"{log_likelihood(ranking, seen):.4f}" for ranking in rankings)])
     share = float(seen.converged.mean())
@@ -62,13 +62,16 @@ def fit_ranking(path: Path, tasks: list[Scenario]) -> str:
     return f"{markdown_table(['', 'before', 'after'], rows)}\n{note}"
 
 
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
 def observations(network: Network, tasks: list[Scenario]) -> Observations:
     """All hypotheses of a network for tasks anywhere, and whether the SQP steps from them converge."""
     features: list[list[float]] = []
     converged: list[bool] = []
     for task in tqdm(tasks, unit="task"):
-        x0, y0, _ = task.start
-        local = task.translated(-x0, -y0)
+        local = task.as_planned
         for hypothesis in hypotheses(network, local):
             guess = interpolated(hypothesis.points, hypothesis.duration, local, PlanOptions().knots)
             features.append(hypothesis.features.tolist())
@@ -87,18 +90,20 @@ def fitted_ranking(seen: Observations) -> Ranking:
     """The ranking of the largest likelihood."""
     mean, scale = seen.features.mean(dim=0), seen.features.std(dim=0)
     scale = torch.where(scale > 0, scale, 1.0)
-    weights, _ = _logistic_regression((seen.features - mean) / scale, seen.converged)
-    return Ranking(*(weights / scale).tolist())
+    weights, intercept, _ = _logistic_regression((seen.features - mean) / scale, seen.converged)
+    weights = weights / scale
+    values = [*weights.tolist(), intercept - float(weights @ mean)]
+    return Ranking(*values)
 
 
 def log_likelihood(ranking: Ranking, seen: Observations) -> float:
     """Mean log-likelihood of an observation under a ranking, with the intercept that suits it best."""
     promise = ranking.promise(seen.features)
-    return _logistic_regression(seen.features[:, :0], seen.converged, promise)[1]
+    return _logistic_regression(seen.features[:, :0], seen.converged, promise)[2]
 
 
-def _logistic_regression(columns: Tensor, outcome: Tensor, offset: Tensor | float = 0.0) -> tuple[Tensor, float]:
-    """Weights (M,) of columns (N, M) whose sum, an offset and an intercept are logits; and the mean log-likelihood."""
+def _logistic_regression(columns: Tensor, outcome: Tensor, offset: Tensor | float = 0.0) -> tuple[Tensor, float, float]:
+    """Weights (M,) of columns (N, M) and an intercept that are logits with an offset; and the mean log-likelihood."""
     weights = torch.zeros(columns.shape[1] + 1, dtype=torch.double, requires_grad=True)  # the intercept is the last
     optimiser = torch.optim.LBFGS(
         [weights], max_iter=MOST_ITERATIONS, tolerance_grad=1e-9, tolerance_change=1e-12, line_search_fn="strong_wolfe"
@@ -115,4 +120,4 @@ def _logistic_regression(columns: Tensor, outcome: Tensor, offset: Tensor | floa
 
     optimiser.step(penalised)
     with torch.no_grad():
-        return weights[:-1], -loss().item()
+        return weights[:-1].detach(), weights[-1].item(), -loss().item()
