@@ -14,12 +14,14 @@ from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, 
 from drake_gnnocp.experiments.dataset.records import save_records
 from drake_gnnocp.experiments.training import quality
 from drake_gnnocp.experiments.training.command import main, override
+from drake_gnnocp.experiments.training.job import Job, beginning
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
 from drake_gnnocp.learning.checkpoint import Network, load_weights, save_weights
-from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
 from drake_gnnocp.learning.ranking import Ranking
+from drake_gnnocp.learning.scene import scene_of
 from drake_gnnocp.scenario import Scenario
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
@@ -71,6 +73,21 @@ def test_the_command_trains_keeps_the_best_weights_and_goes_on_only_where_nothin
     save_weights(tmp_path / "start.pt", network, {})
     assert main([*command, "--from", str(tmp_path / "start.pt"), "--epochs", "1", "--check-tasks", "1"]) == 0
     assert load_weights(tmp_path / "best.pt")[0].ranking == network.ranking  # until it is fitted anew
+
+
+def test_a_network_with_more_refinements_begins_as_the_one_before(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    small = NetworkConfig(width=16, channels=16, encoder_layers=1, hypotheses=2, refinements=1)
+    before = TrajectoryNetwork(small).eval()
+    for parameter in before.refiners.parameters():  # some are zero at first
+        torch.nn.init.normal_(parameter, std=0.1)
+    save_weights(tmp_path / "start.pt", before, {})
+    begun = beginning(Job(replace(small, refinements=3), DEFAULT_TRAINING, tmp_path, tmp_path / "start.pt")).eval()
+    scene = scene_of(Scenario.load("map_a"))
+    with torch.inference_mode():
+        torch.testing.assert_close(begun(scene).states, before(scene).states)
+    with pytest.raises(ValueError, match="other sizes"):
+        beginning(Job(replace(small, refinements=0), DEFAULT_TRAINING, tmp_path, tmp_path / "start.pt"))
 
 
 def test_a_training_that_was_stopped_ends_where_an_unbroken_one_does(samples: Samples, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     data = Path("artifacts") / "dataset"
     add("--data", type=Path, default=data, metavar="DIR", help="folder of the dataset (default: %(default)s)")
     add("--out", type=Path, metavar="DIR", help="folder to write (default: artifacts/training/CONFIG)")
-    start = "weights to begin with, of a network of the same sizes (default: random ones)"
+    start = "weights to begin with, of a network of the same sizes or fewer refinements (default: random ones)"
     add("--from", type=Path, dest="start", metavar="FILE", help=start)
     add("--epochs", type=positive, metavar="N", help="passes over the dataset (default: the configuration's)")
     add("--share", type=share, default=1.0, metavar="X", help="share of the training maps, 0 to 1 (default: 1)")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -46,7 +46,7 @@ def run(job: Job, folder: Path) -> Progress:
         raise DatasetError(f"{job.data}: needs trajectories on training and on validation maps")
     training, validation = (Samples.of(maps, job.config.points) for maps in (learned, unseen))
     training = training.with_more_tight(job.options.tight_times)
-    network = _beginning(job)
+    network = beginning(job)
     tasks = validation_tasks(unseen, job.check_tasks)
 
     def after_epoch(network: Network, progress: Progress) -> dict[str, float]:
@@ -72,7 +72,14 @@ def run(job: Job, folder: Path) -> Progress:
     return progress
 
 
-def _beginning(job: Job) -> Network:
+def _goes_on(before: NetworkConfig | PaperConfig, config: NetworkConfig | PaperConfig) -> bool:
+    """Whether a network has the sizes of one before, or more refinements."""
+    if not isinstance(before, NetworkConfig) or not isinstance(config, NetworkConfig):
+        return before == config
+    return before.refinements <= config.refinements and replace(before, refinements=config.refinements) == config
+
+
+def beginning(job: Job) -> Network:
     """The network as the training begins: with random weights, or with those of `start` and their ranking."""
     torch.manual_seed(job.options.seed)
     try:
@@ -81,8 +88,8 @@ def _beginning(job: Job) -> Network:
         raise ValueError(f"--set: no network has these sizes: {first_line(error)}") from None
     if job.start:
         before, _ = load_weights(job.start)
-        if before.config != job.config:
+        if not _goes_on(before.config, job.config):
             raise ValueError(f"--from: {job.start}: weights of a network of other sizes: {before.config}")
-        network.load_state_dict(before.state_dict())
+        network.load_state_dict(before.state_dict(), strict=False)  # further refinements correct nothing at first
         network.ranking = before.ranking
     return network
