@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from drake_gnnocp.files import read_text, write_atomically
 from drake_gnnocp.scenario_files import LARGEST
 from drake_gnnocp.vehicle import Input, State
 
-REST = 1e-3  # m/s, slower is standing
+LEAST_MOVE = 1e-3  # of the path's length: a shorter way between two changes of gear is the solver's trembling at a stop
 COLUMNS = ("t", "x", "y", "theta", "v", "phi", "a", "w")
 
 
@@ -54,7 +55,15 @@ class Trajectory:
     def gear_changes(self) -> int:
         """How often it changes between forward and reverse."""
         v = self.states[:, State.V]
-        return int(np.count_nonzero(np.diff(np.sign(v[np.abs(v) > REST]))))
+        steps = np.diff(self.t) * (v[1:] + v[:-1]) / 2
+        least, gear, turn, changes = LEAST_MOVE * np.abs(steps).sum(), 0.0, 0.0, 0
+        for at in np.cumsum(steps).tolist():  # m, forward less backward
+            if gear * (at - turn) > 0:
+                turn = at
+            elif abs(at - turn) > least:
+                changes += gear != 0
+                gear, turn = math.copysign(1.0, at - turn), at
+        return changes
 
     @property
     def poses(self) -> np.ndarray:

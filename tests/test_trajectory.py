@@ -54,6 +54,24 @@ def test_resampling_is_linear_in_time_and_keeps_both_ends() -> None:
     np.testing.assert_array_equal(finer.states[[0, -1]], given.states[[0, -1]])
 
 
+@pytest.mark.parametrize(
+    ("v", "expected"),
+    [
+        ([0, 1, 1, 0], 0),
+        ([0, -1, -1, 0], 0),
+        ([0, 1, 0, -1, 0, 1, 0], 2),
+        ([0, 1, 0, 1e-4, -1e-4, 0, 1, 0], 0),  # it trembles where it stops
+        ([0, 1, 0, -1e-4, 1e-4, 0, -1, 0], 1),
+        ([0, 0, 0], 0),
+    ],
+)
+def test_changes_of_gear_are_counted_where_the_car_really_moves(v: list[float], expected: int) -> None:
+    states = np.zeros((len(v), 5))
+    states[:, State.V] = v
+    for size in (0.05, 1.0):
+        assert Trajectory(np.arange(len(v)), size * states, np.zeros((len(v), 2))).gear_changes == expected
+
+
 def test_translating_moves_x_and_y_only() -> None:
     given = trajectory()
     moved = given.translated(3.0, -4.0)
