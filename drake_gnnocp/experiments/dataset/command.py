@@ -38,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m drake_gnnocp.dataset",
         description="Draw random maps and tasks, solve each by Hybrid A* and optimal control, keep the verified plans. "
         "What is in the folder already is not made again: a run that was stopped goes on.",
-        epilog="Exit code: 0 done; 2 bad input. The whole takes about 4 hours on 2 cores.",
+        epilog="Exit code: 0 done; 2 bad input. The whole takes about 6 hours on 2 cores.",
     )
     add = parser.add_argument
     add("--maps", type=count, default=DEFAULTS.maps, metavar="N", help="number of maps (default: %(default)s)")

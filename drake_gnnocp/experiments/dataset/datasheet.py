@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from drake_gnnocp.experiments.dataset.label import LEARNED, OUTCOMES, PLAN, SEARCH_SECONDS, SOLVE_SECONDS
 from drake_gnnocp.experiments.dataset.records import SPLITS, MapRecord
-from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS
+from drake_gnnocp.experiments.tasks.draw import PAPER_MAPS, WIDE_MAPS
 from drake_gnnocp.experiments.tasks.place import KINDS
 from drake_gnnocp.experiments.text import markdown_table
 from drake_gnnocp.files import write_atomically
@@ -34,10 +34,14 @@ TEXT = """\
 
 `python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two of three of
 the first {paper_maps} maps are open ones with rectangles and irregular polygons on 40 m x 40 m, as in the paper; the
-third, and every map after them, is a car park or a yard, half of these with a car of other size and limits. Every task
-is searched by Hybrid A*, given a minimum-effort timing with {slack:g} times the duration of its speed plan, optimised
-on 120 knots, and kept if the independent dense check has verified the plan. Time limits are {search_seconds:g} s for
-the search and {solve_seconds:g} s for the solver, so which tasks fail depends a little on the machine ({machine}).
+third, and every map from there to number {last_wide}, is a car park or a yard, half of these with a car of other size and
+limits. The maps after them are tight places for cars, trucks and robots, among parked cars, walls and lines.
+
+Every task is searched by Hybrid A*, and where the path changes gear a second time with dear changes. The path of fewest
+changes is given a minimum-effort timing with {slack:g} times the duration of its speed plan, optimised on {knots} knots
+(where that fails, as tight paths are), and kept if the independent dense check has verified the plan. Time limits are
+{search_seconds:g} s for a search and {solve_seconds:g} s for the solver, so which tasks fail depends a little on the machine
+({machine}). Labels of maps up to number {last_wide} are older: of the first path found, optimised for the paper's cost.
 {improvement}
 ## What is in it
 
@@ -93,6 +97,8 @@ def datasheet(records: Sequence[MapRecord], numbers: Numbers, size: int) -> str:
     percentiles = {name: np.percentile(values, [5, 50, 95]) for name, values in numbers.items() if len(values)}
     return TEXT.format(
         paper_maps=PAPER_MAPS,
+        last_wide=WIDE_MAPS - 1,
+        knots=PLAN.knots,
         slack=PLAN.slack,
         search_seconds=SEARCH_SECONDS,
         solve_seconds=SOLVE_SECONDS,
