@@ -32,16 +32,18 @@ TEXT = """\
 
 ## How it was made
 
-`python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two of three of
-the first {paper_maps} maps are open ones with rectangles and irregular polygons on 40 m x 40 m, as in the paper; the
-third, and every map from there to number {last_wide}, is a car park or a yard, half of these with a car of other size and
-limits. The maps after them are tight places for cars, trucks and robots, among parked cars, walls and lines.
+`python -m drake_gnnocp.dataset` draws maps and pairs of start and goal from one seed (`settings.json`): two of
+three of the first {paper_maps} maps are open ones with rectangles and irregular polygons on 40 m x 40 m, as in
+the paper; the third, and every map from there to number {last_wide}, is a car park or a yard, half of these
+with a car of other size and limits. The maps after them are tight places for cars, trucks and robots, among
+parked cars, walls and lines.
 
-Every task is searched by Hybrid A*, and where the path changes gear a second time with dear changes. The path of fewest
-changes is given a minimum-effort timing with {slack:g} times the duration of its speed plan, optimised on {knots} knots
-(where that fails, as tight paths are), and kept if the independent dense check has verified the plan. Time limits are
-{search_seconds:g} s for a search and {solve_seconds:g} s for the solver, so which tasks fail depends a little on the machine
-({machine}). Labels of maps up to number {last_wide} are older: of the first path found, optimised for the paper's cost.
+Every task is searched by Hybrid A*, and where the path changes gear a second time with dear changes. The path
+of fewest changes is given a minimum-effort timing with {slack:g} times the duration of its speed plan,
+optimised on {knots} knots (where that fails, as tight paths are), and kept if the independent dense check has
+verified the plan. Time limits are {search_seconds:g} s for a search and {solve_seconds:g} s for the solver, so
+which tasks fail depends a little on the machine ({machine}). Labels of maps up to number {last_wide} are older:
+of the first path found, optimised for the paper's cost.
 {improvement}
 ## What is in it
 
