@@ -34,6 +34,7 @@ class Hypotheses:
     """Trajectories proposed as the network's are."""
 
     found: tuple[Trajectory, ...]
+    probability: float | None = None
     name: str = "gnn"
     proposes_many: bool = True
 
@@ -43,7 +44,7 @@ class Hypotheses:
     def guesses(self, scenario: Scenario, budget: Budget) -> Iterator[Guess | NoGuess]:
         """In turn."""
         for trajectory in self.found:
-            yield Guess(self.name, trajectory, is_timed=True)
+            yield Guess(self.name, trajectory, probability=self.probability, is_timed=True)
 
 
 @pytest.fixture(scope="module")
@@ -205,6 +206,14 @@ def test_hypotheses_are_looked_at_for_so_many_steps(scenario: Scenario, good: Tr
     (_, steps), *_ = screened(scenario, source, Budget.unlimited(), PlanOptions())
     assert steps.converged
     assert not list(screened(scenario, source, Budget.unlimited(), PlanOptions(), most_steps=2))
+
+
+@pytest.mark.parametrize(("probability", "n"), [(None, 1), (0.3, 1), (0.1, 0)])
+def test_hypotheses_that_are_unlikely_to_lead_to_a_plan_are_passed_over(
+    scenario: Scenario, good: Trajectory, probability: float | None, n: int
+) -> None:
+    source = Hypotheses((good,), probability)
+    assert len(list(screened(scenario, source, Budget.unlimited(), PlanOptions(), least_probability=0.2))) == n
 
 
 def test_the_attempts_from_a_path_differ_in_what_the_solver_is_given(given: list[Budget]) -> None:

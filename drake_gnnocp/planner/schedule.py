@@ -29,10 +29,12 @@ from drake_gnnocp.search.stages import HybridAStarOptions
 
 logger = logging.getLogger(__name__)
 
-MOST_SQP_STEPS = 100  # to choose a hypothesis where Hybrid A* comes next: at most 95 led to one in 190 tasks
+# where Hybrid A* comes next: SQP steps to choose a hypothesis (at most 95 led to one in 190 tasks), and the probability
+# that they converge from one, below which they cost more than they save
+MOST_SQP_STEPS, LEAST_PROBABILITY = 100, 0.05
 NO_GUESSES = "the source made no guess"
 FAR = "start and goal are farther apart than what the network was trained on"
-NONE_CONVERGED = "the optimiser got near a plan from none of the guesses"
+NONE_CONVERGED = "the optimiser got near a plan from none of the guesses that were likely to lead to one"
 # where time is what counts, reversing and turning cost nothing, but a car that stops, turns its wheels and drives off
 # again could have gone 5 m
 QUICK = Costs(reverse=0.0, steering=0.0, gear_change=5.0, steering_change=0.2)
@@ -159,8 +161,8 @@ class Schedule:
         if isinstance(self.horizon, Fixed):  # SQP steps were not made for a duration that is not the hypothesis's
             self._try(self._first(source))
             return
-        begin, most_steps = time.monotonic(), MOST_SQP_STEPS if only_best else math.inf
-        for guess, steps in screened(self.scenario, source, self.budget, self.options, most_steps):
+        begin, limits = time.monotonic(), (MOST_SQP_STEPS, LEAST_PROBABILITY) if only_best else ()
+        for guess, steps in screened(self.scenario, source, self.budget, self.options, *limits):
             self._try(guess, steps)
             if only_best or self._is_done:
                 return
@@ -175,7 +177,12 @@ class Schedule:
 
 
 def screened(
-    scenario: Scenario, source: GuessSource, budget: Budget, options: PlanOptions, most_steps: float = math.inf
+    scenario: Scenario,
+    source: GuessSource,
+    budget: Budget,
+    options: PlanOptions,
+    most_steps: float = math.inf,
+    least_probability: float = 0.0,
 ) -> Iterator[tuple[Guess, SqpSteps]]:
     """The hypotheses that SQP steps converge from, in the order given, each looked for when it is asked for.
 
@@ -188,6 +195,7 @@ def screened(
         budget: when it is over, no hypothesis is looked at.
         options: see `PlanOptions`.
         most_steps: SQP steps in all, after which no further hypothesis is looked at.
+        least_probability: of a hypothesis that is looked at, where one is predicted.
 
     Yields:
         The hypothesis, with the time spent since the last one, and where the steps led.
@@ -196,6 +204,8 @@ def screened(
     for guess in source.guesses(scenario, budget):
         if not options.sqp or isinstance(guess, NoGuess) or taken >= most_steps or budget.is_over:
             break
+        if guess.probability is not None and guess.probability < least_probability:
+            continue
         formulation = formulate(scenario.exact, guess.trajectory, options.cost, options.margin)
         steps = sqp_steps(formulation, LEARNED, budget)
         taken += steps.steps
