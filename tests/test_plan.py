@@ -28,8 +28,8 @@ RESULT_KEYS = {
     "attempts", "verification",
 }  # fmt: skip
 ATTEMPT_KEYS = {
-    "guess", "goal", "guess_seconds", "build_seconds", "solve_seconds", "iterations", "first_iterations",
-    "convex_steps", "refinements", "solver_status", "cost", "verified", "reason",
+    "guess", "goal", "guess_seconds", "guess_probability", "build_seconds", "solve_seconds", "iterations",
+    "first_iterations", "convex_steps", "refinements", "solver_status", "cost", "verified", "reason",
 }  # fmt: skip
 VERIFICATION_KEYS = {
     "collision_free", "min_clearance_m", "terminal_position_error_m", "terminal_heading_error_rad",
