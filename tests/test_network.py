@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 import torch
+from torch import nn
 
 from drake_gnnocp.experiments.training.losses import LossWeights, kinematic_errors, loss_of
 from drake_gnnocp.experiments.training.samples import Batch
+from drake_gnnocp.learning.attention import Decoder, Encoder
 from drake_gnnocp.learning.checkpoint import (
     CONFIGS,
     Network,
@@ -192,6 +195,27 @@ def test_what_encloses_a_hole_is_one_obstacle() -> None:
     distance = signed_distance(points, edges, mask)  # in the hole, in the wall around it, and outside
     assert distance.shape == (1, 1, 4)
     assert distance[0, 0].tolist() == pytest.approx([2.0, -4.0, 3.0, 4.0], abs=1e-3)
+
+
+def test_layers_compute_what_those_of_torch_do() -> None:
+    torch.manual_seed(0)
+    tokens, queries, mask = torch.randn(3, 7, 16), torch.randn(3, 4, 16), torch.rand(3, 7) < 0.7
+    mask[:, 0] = True
+    sizes: dict[str, Any] = {
+        "d_model": 16,
+        "nhead": 4,
+        "dim_feedforward": 32,
+        "dropout": 0.0,
+        "batch_first": True,
+        "norm_first": True,
+    }
+    encoder, decoder = nn.TransformerEncoderLayer(**sizes), nn.TransformerDecoderLayer(**sizes)
+    ours, other = Encoder(16, 4, 1), Decoder(16, 4, 1)
+    ours.layers[0].load_state_dict(encoder.state_dict())
+    other.layers[0].load_state_dict(decoder.state_dict())
+    seen = encoder(tokens, src_key_padding_mask=~mask)
+    torch.testing.assert_close(ours(tokens, mask)[mask], seen[mask])
+    torch.testing.assert_close(other(queries, tokens, mask), decoder(queries, tokens, memory_key_padding_mask=~mask))
 
 
 def test_an_outline_of_many_edges_beside_others_of_few_is_as_far_as_it_is() -> None:

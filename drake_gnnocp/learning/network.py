@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from drake_gnnocp.learning.attention import Decoder, Encoder
 from drake_gnnocp.learning.features import (
     LENGTH,
     MOTION,
@@ -109,16 +110,13 @@ class Proposer(nn.Module):
         super().__init__()
         self.config = config
         self.queries = nn.Parameter(torch.randn(config.hypotheses, config.width) * 0.5)
-        layer = nn.TransformerDecoderLayer(
-            config.width, config.heads, 2 * config.width, dropout=0.0, batch_first=True, norm_first=True
-        )
-        self.layers = nn.TransformerDecoder(layer, config.proposer_layers)
+        self.layers = Decoder(config.width, config.heads, config.proposer_layers)
         self.head = mlp(config.width, 2 * config.width, config.points * 5 + 2)
 
     def forward(self, tokens: Tensor, mask: Tensor, scene: Scene) -> tuple[Prediction, Tensor]:
         """K trajectories of tokens (B, 1 + J, D), and what the hypotheses know (B, K, D)."""
         query = self.queries + tokens[:, :1]  # (B, K, D)
-        latent = self.layers(query, tokens, memory_key_padding_mask=~mask)
+        latent = self.layers(query, tokens, mask)
         out = self.head(latent)  # (B, K, 5 T + 2)
         raw = out[..., :-2].unflatten(-1, (self.config.points, 5))
         distance = torch.linalg.norm(scene.goal[:, None, :2], dim=-1)
@@ -213,8 +211,7 @@ class TrajectoryNetwork(nn.Module):
         width = config.width
         self.obstacles = ObstacleEncoder(width)
         self.task = mlp(TASK_FEATURES, width, width)
-        layer = nn.TransformerEncoderLayer(width, config.heads, 2 * width, 0.0, batch_first=True, norm_first=True)
-        self.encoder = nn.TransformerEncoder(layer, config.encoder_layers, enable_nested_tensor=False)
+        self.encoder = Encoder(width, config.heads, config.encoder_layers)
         self.proposer = Proposer(config)
         self.refiners = nn.ModuleList(Refiner(config) for _ in range(config.refinements))
 
@@ -224,7 +221,7 @@ class TrajectoryNetwork(nn.Module):
         tokens = torch.cat([self.task(task_features(scene))[:, None], obstacles], dim=1)  # (B, 1 + J, D)
         here = scene.mask.any(dim=-1)  # (B, J)
         mask = torch.cat([torch.ones_like(here[:, :1]), here], dim=1)
-        tokens = self.encoder(tokens, src_key_padding_mask=~mask)
+        tokens = self.encoder(tokens, mask)
         proposed, latent = self.proposer(tokens, mask, scene)
         return proposed, latent, tokens[:, 1:]
 
