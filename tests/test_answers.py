@@ -9,10 +9,11 @@ import pytest
 from drake_gnnocp import Scenario, Trajectory, Vehicle
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.ocp import refine as module
+from drake_gnnocp.ocp.answers import answer
 from drake_gnnocp.ocp.boxes import limits
 from drake_gnnocp.ocp.costs import CostWeights
 from drake_gnnocp.ocp.formulation import Formulation, Line, formulate
-from drake_gnnocp.ocp.refine import Refined, Solve, answer, refine
+from drake_gnnocp.ocp.refine import Refined, Solve, refine
 from drake_gnnocp.verification import verify
 
 EXACT = 1e-9  # sums over a thousand steps of the driven motion
@@ -53,7 +54,7 @@ def solved(scenario: Scenario, found: Trajectory, success: bool = True) -> Solve
 
 def answered(scenario: Scenario, formulation: Formulation) -> Formulation:
     """The answer to the plan, as the solver's solution of the formulation."""
-    return answer(scenario, formulation, solved(scenario, plan()))
+    return answer(scenario, formulation, plan())
 
 
 def test_a_clean_plan_is_the_next_reference_and_nothing_more_is_asked() -> None:
@@ -169,6 +170,17 @@ def test_a_verified_plan_without_a_comfortable_clearance_is_widened_once_where_t
         refined, asked = refined_by_hand(monkeypatch, scenario, around(scenario), [near, second])
         assert len(asked) == 2 and refined.best == best and refined.verified and refined.reason == ""
         assert not asked[0].lines and {(line.obstacle, line.clearance) for line in asked[1].lines} == {(0, 0.101)}
+
+
+def test_no_more_clearance_is_asked_for_than_the_place_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = block(0.03)
+    tight = task(ring, ring * [1, -1])  # 6 cm more than the car is wide
+    near = solved(tight, plan())
+    _, asked = refined_by_hand(monkeypatch, tight, around(tight), [near, near])
+    beside = np.abs(plan().poses[:, 0] + VEHICLE.length / 2 - VEHICLE.rear_hang - 5.5) < 2.0
+    demanded = asked[1].demanded
+    assert beside.sum() >= 2 and demanded[beside].max() < 0.031 and demanded.max() > 0.1
+    assert all(line.clearance < 0.102 for line in asked[1].lines)
 
 
 def test_a_plan_that_is_clear_or_that_is_not_to_be_widened_is_the_last(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from drake_gnnocp import CostWeights, Plan, PlanOptions, Scenario, Trajectory, plan, verify
 from drake_gnnocp.ends import GoalTolerance, Target, nearest_target
+from drake_gnnocp.ocp.answers import answer
 from drake_gnnocp.ocp.boxes import end_place, ends
 from drake_gnnocp.ocp.formulation import formulate
-from drake_gnnocp.ocp.refine import Solve, answer
 from drake_gnnocp.ocp.triangle_areas import rows_near
 from drake_gnnocp.search.reachability import no_path
 
@@ -122,8 +122,7 @@ def test_an_end_beyond_the_tolerance_is_answered_by_as_much() -> None:
         goal = (x[-1] - 0.2 - beyond, 0.0, 0.0)
         scenario = task(goal, obstacles=(), goal_tolerance=GoalTolerance(x=0.2))
         formulation = formulate(scenario, found, CostWeights(), 0.1)
-        solve = Solve(0.0, 0.0, 1, True, "by hand", (), 0, 0, found, verify(scenario, found))
-        np.testing.assert_allclose(answer(scenario, formulation, solve).goal[0], goal[0] - moved, atol=1e-6)
+        np.testing.assert_allclose(answer(scenario, formulation, found).goal[0], goal[0] - moved, atol=1e-6)
 
 
 def test_a_car_within_the_tolerance_is_there() -> None:

@@ -36,12 +36,14 @@ class Demand:
     ends: np.ndarray  # (2, 2) positions of start and goal [m]
     end_clearances: np.ndarray  # (2,) what the car has there to obstacles and bounds [m]
     end_radius: float  # m, within which no more is asked for than the end has
+    most: np.ndarray | None = None  # (N,) that is asked for at each knot [m]; None: there is no such limit
 
     def at(self, poses: np.ndarray) -> np.ndarray:
-        """What is asked for at poses (N, 3): (N,) [m]."""
+        """What is asked for at poses (N, 3) of the knots: (N,) [m]."""
         distance = np.linalg.norm(poses[:, None, :2] - self.ends, axis=2)
         at_ends = np.where(distance < self.end_radius, self.end_clearances, np.inf).min(axis=1)
-        return np.minimum(self.clearance, at_ends)
+        asked = np.minimum(self.clearance, at_ends)
+        return asked if self.most is None else np.minimum(asked, self.most)
 
 
 @dataclass(frozen=True)

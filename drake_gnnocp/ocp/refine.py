@@ -21,18 +21,17 @@ import numpy as np
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.ocp import ipopt
-from drake_gnnocp.ocp.close_pairs import Pair, close_pairs, overlapping_pairs
+from drake_gnnocp.ocp.answers import LEFT_BY_STEPS, answer, to_finish, with_lines
+from drake_gnnocp.ocp.close_pairs import overlapping_pairs
+from drake_gnnocp.ocp.comfort import shortfall, with_more_clearance
 from drake_gnnocp.ocp.costs import cost_terms, total_cost
-from drake_gnnocp.ocp.formulation import Formulation, Line, demand_of
+from drake_gnnocp.ocp.formulation import Formulation, demand_of
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings
 from drake_gnnocp.ocp.nlp import build
-from drake_gnnocp.ocp.sqp import SqpSettings, SqpSteps, sqp_steps
+from drake_gnnocp.ocp.sqp import SqpSteps
 from drake_gnnocp.scenario import Scenario
-from drake_gnnocp.simulation import DrivenMotion, drive
 from drake_gnnocp.trajectory import Trajectory
-from drake_gnnocp.vehicle import State
-from drake_gnnocp.verification import HEADING_TOLERANCE, POSITION_TOLERANCE, Verification, verify
-from drake_gnnocp.verification.clearance import TIGHT
+from drake_gnnocp.verification import Verification, verify
 
 logger = logging.getLogger(__name__)
 
@@ -40,14 +39,7 @@ MOST_ANSWERS = 8  # refinements after the first solve
 # Ipopt's, of all solves, after which no other one follows: a verified plan of a hard task took 615. Where SQP steps
 # have converged, what is not finished soon never is
 MOST_ITERATIONS, MOST_FINISHING = 800, 200
-# where SQP steps have converged, little moves any more: Ipopt with its approximate Hessian is kept near there, or it
-# wanders off along flat directions of long plans, for hundreds of iterations
-FINISH_ROWS_WITHIN, FINISH_TRUST_REGION = 1.2, (0.15, 0.15, 0.1)  # m; m, m, rad
-DEARER = 1.02  # of a plan's cost: what more clearance may cost
-MOST_WIDENING = 40  # iterations of Ipopt for it
-# plans of so many knots take SQP steps towards it first: Ipopt alone takes twice as long for them
-MANY_KNOTS, FIRST_STEPS = 240, SqpSettings(most_steps=4)
-LIMITS_STEP, LARGEST_LIMITS_MARGIN = 0.002, 0.5  # relative, added to what v or phi were exceeded by; most in all
+DEARER, MOST_WIDENING = 1.02, 20  # of a plan's cost: what more clearance may cost; iterations of Ipopt for it
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +114,10 @@ def refine(
     """
     given, given_settings, guess = formulation, settings, formulation.reference
     if steps is not None and steps.trajectory is not guess:
-        # steps leave the margins they were asked for
-        formulation = replace(formulation, reference=steps.trajectory, reference_share=1.0)
+        formulation = replace(formulation, reference=steps.trajectory, reference_share=LEFT_BY_STEPS)
     if steps is not None and steps.converged:
-        near = replace(formulation, rows_within=FINISH_ROWS_WITHIN, trust_region=FINISH_TRUST_REGION)
-        formulation, settings = near, FINISH
-    formulation = _with_lines(formulation, dict.fromkeys(overlapping_pairs(formulation), 0.0))
+        formulation, settings = to_finish(formulation, steps.trajectory), FINISH
+    formulation = with_lines(formulation, dict.fromkeys(overlapping_pairs(formulation), 0.0))
     if budget.is_over:
         return Refined((), None, budget.ended_before("the first solve"))
     most_iterations = MOST_FINISHING if settings is FINISH else MOST_ITERATIONS
@@ -138,7 +128,7 @@ def refine(
         solves.append(solve)
         best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
         if solve.verification.verified:
-            widened = _widened(scenario, formulation, solve, settings, budget)
+            widened = _widened(scenario, formulation, solve, budget)
             if widened is not None:
                 wider, is_taken = widened
                 solves.append(wider)
@@ -149,7 +139,7 @@ def refine(
         if len(solves) > MOST_ANSWERS or sum(done.iterations for done in solves) >= most_iterations or budget.is_over:
             break
         if solve.success:
-            formulation = answer(scenario, formulation, solve)
+            formulation = answer(scenario, formulation, solve.trajectory)
         else:  # back to the guess as it was given, with what the check has asked for
             answered, settings = formulation, given_settings
             formulation = replace(given, lines=answered.lines, limits_margin=answered.limits_margin, goal=answered.goal)
@@ -180,26 +170,23 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     )
 
 
-def _widened(
-    scenario: Scenario, formulation: Formulation, solve: Solve, settings: IpoptSettings, budget: Budget
-) -> tuple[Solve, bool] | None:
+def _widened(scenario: Scenario, formulation: Formulation, solve: Solve, budget: Budget) -> tuple[Solve, bool] | None:
     """A solve for a comfortable clearance, around a verified plan, and whether that is to be taken.
 
     It is where it is verified, has more clearance where that was short, and costs little more. None where the plan has
-    the clearance, or there is no time.
+    the clearance, SQP steps lead to none that has more, or there is no time.
     """
     if formulation.comfort <= scenario.clearance:
         return None
     comfortable = replace(formulation, demand=demand_of(scenario, formulation.comfort))
-    missed = _shortfall(scenario, comfortable, solve.trajectory)
+    missed = shortfall(scenario, comfortable, solve.trajectory)
     if not missed or budget.is_over:
         return None
-    few, asked = replace(settings, max_iterations=MOST_WIDENING), answer(scenario, comfortable, solve)
-    if len(asked.reference) >= MANY_KNOTS:
-        nearer = replace(asked, reference=sqp_steps(asked, FIRST_STEPS, budget).trajectory)
-        asked = _with_lines(nearer, close_pairs(nearer, drive(scenario.start, nearer.reference, scenario.vehicle)))
-    wider = solve_once(scenario, asked, few, budget)
-    misses = _shortfall(scenario, comfortable, wider.trajectory)
+    asked = with_more_clearance(scenario, formulation, answer(scenario, comfortable, solve.trajectory), budget)
+    if asked is None:
+        return None
+    wider = solve_once(scenario, asked, replace(FINISH, max_iterations=MOST_WIDENING), budget)
+    misses = shortfall(scenario, comfortable, wider.trajectory)
     is_cheap = _cost(formulation, wider.trajectory) <= DEARER * _cost(formulation, solve.trajectory)
     return wider, wider.verification.verified and misses < missed and is_cheap
 
@@ -207,62 +194,6 @@ def _widened(
 def _cost(formulation: Formulation, found: Trajectory) -> float:
     knots, terms = np.hstack([found.states, found.inputs]), cost_terms(formulation.weights, formulation.proximity)
     return total_cost(terms, knots, found.duration / (len(found) - 1))
-
-
-def _shortfall(scenario: Scenario, formulation: Formulation, found: Trajectory) -> float:
-    """How much a trajectory lacks of the clearance that is asked for at worst, 0 where it has that everywhere [m]."""
-    around = replace(formulation, reference=found)
-    close = close_pairs(around, drive(scenario.start, found, scenario.vehicle))
-    pairs = np.array(list(close), dtype=int).reshape(-1, 2)
-    lacking = around.between(*pairs.T) - np.fromiter(close.values(), float)
-    return float(lacking.max(initial=0.0, where=lacking > TIGHT))
-
-
-def answer(scenario: Scenario, formulation: Formulation, solve: Solve) -> Formulation:
-    """The formulation that asks for what the check missed in a converged plan, around that plan."""
-    found = solve.trajectory
-    motion = drive(scenario.start, found, scenario.vehicle)
-    excess = _beyond_limits(scenario, motion)
-    limits_margin = formulation.limits_margin + excess + LIMITS_STEP
-    answered = replace(
-        formulation,
-        reference=found,
-        goal=_aimed_goal(scenario, formulation, motion, found),
-        limits_margin=min(LARGEST_LIMITS_MARGIN, limits_margin) if excess > 0 else formulation.limits_margin,
-    )
-    return _with_lines(answered, close_pairs(answered, motion))
-
-
-def _aimed_goal(scenario: Scenario, formulation: Formulation, motion: DrivenMotion, found: Trajectory) -> np.ndarray:
-    """The goal, or as far beside it as the driven motion ends to the other side."""
-    at, end = formulation.goal[: State.V], motion.states[-1, : State.V]
-    turns = 2 * np.pi * np.round((at[State.THETA] - scenario.goal[State.THETA]) / (2 * np.pi))
-    error = end - (scenario.goal + [0.0, 0.0, turns])
-    if formulation.target is not None:
-        beyond = formulation.target.excess(end)
-        error = np.append(beyond[:2] @ formulation.target.axes, beyond[2])
-    if np.abs(error[:2]).max() <= POSITION_TOLERANCE / 2 and abs(error[2]) <= HEADING_TOLERANCE / 2:
-        return formulation.goal
-    return np.append(at - error, formulation.goal[State.V :])
-
-
-def _beyond_limits(scenario: Scenario, motion: DrivenMotion) -> float:
-    """How far v or phi exceed their limits anywhere, relative to them; negative when they do not."""
-    v, phi = np.abs(motion.states[:, [State.V, State.PHI]]).max(axis=0)
-    return float(max(v / scenario.vehicle.v_max, phi / scenario.vehicle.phi_max)) - 1.0
-
-
-def _with_lines(formulation: Formulation, close: dict[Pair, float]) -> Formulation:
-    """The pairs that came too close get a line, or a line with more clearance where they had one."""
-    clearances = {(line.interval, line.obstacle): line.clearance for line in formulation.lines}
-    asked = formulation.between(*np.array(list(close), dtype=int).reshape(-1, 2).T).tolist()
-    for (pair, distance), least in zip(close.items(), asked, strict=True):
-        if pair not in clearances:
-            clearances[pair] = least
-        elif distance < least:
-            clearances[pair] = max(least, clearances[pair] + min(least - distance, least))
-    lines = tuple(Line(interval, j, clearance) for (interval, j), clearance in sorted(clearances.items()))
-    return replace(formulation, lines=lines)
 
 
 def _reason(check: Verification, solves: list[Solve], budget: Budget) -> str:
