@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 # where Hybrid A* comes next: SQP steps to choose a hypothesis (at most 95 led to one in 190 tasks), and the probability
 # that they converge from one, below which they cost more than they save
-MOST_SQP_STEPS, LEAST_PROBABILITY = 100, 0.05
+MOST_SQP_STEPS, LEAST_PROBABILITY = 100, 0.25
 NO_GUESSES = "the source made no guess"
 FAR = "start and goal are farther apart than what the network was trained on"
 NONE_CONVERGED = "the optimiser got near a plan from none of the guesses that were likely to lead to one"
