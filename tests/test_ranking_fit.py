@@ -52,6 +52,11 @@ def test_of_hypotheses_with_a_probability_as_many_converge() -> None:
         assert seen.converged[these].mean().item() == pytest.approx(predicted[these].mean().item(), abs=0.06)
 
 
+def test_probabilities_are_such_however_large_the_logit_is() -> None:
+    ranking = Ranking(intercept=0.0)
+    assert [ranking.probability(logit) for logit in (-1e6, 0.0, 1e6)] == [0.0, 0.5, 1.0]
+
+
 def test_without_a_fit_there_is_no_probability() -> None:
     assert Ranking().probability(1.0) is None
 

@@ -44,7 +44,7 @@ class Ranking:
 
     def probability(self, promise: float) -> float | None:
         """That the steps from a hypothesis that is so promising converge; None without a fit."""
-        return None if self.intercept is None else 1 / (1 + math.exp(-(promise + self.intercept)))
+        return None if self.intercept is None else 0.5 * (1 + math.tanh((promise + self.intercept) / 2))
 
 
 def rank_features(states: Tensor, duration: Tensor, score: Tensor, scene: Scene) -> Tensor:
