@@ -79,11 +79,6 @@ def states_of(result: Plan) -> np.ndarray:
     return result.trajectory.states
 
 
-def duration_of(result: Plan) -> float:
-    assert result.trajectory is not None
-    return result.trajectory.duration
-
-
 def cost_of(result: Plan) -> float:
     assert result.cost is not None
     return result.cost.J
@@ -226,10 +221,7 @@ def test_a_free_heading_costs_no_more_than_a_fixed_one(task: Callable[..., Scena
     free = plan(task((*BESIDE[:2], FREE)))
     assert free.verified and free.goal_reached == 0
     for heading in (0.0, 0.5, -1.4, 3.0):
-        fixed = plan(task((*BESIDE[:2], heading)))
-        # guessed durations differ by a few per cent, and the same path costs less by the cube of a longer one
-        longer = max(1.0, duration_of(fixed) / duration_of(free))
-        assert cost_of(free) <= cost_of(fixed) * longer**3
+        assert cost_of(free) <= cost_of(plan(task((*BESIDE[:2], heading))))
     np.testing.assert_allclose(states_of(free)[-1, :2], BESIDE[:2], atol=NEAR)
     assert free.trajectory is not None and verify(task((*BESIDE[:2], FREE)), free.trajectory).verified
     assert "with the heading" in free.summary
