@@ -26,18 +26,24 @@ STEPS = SqpSettings(proximal=1.0, most_steps=12)  # towards it
 RESERVE = 1e-3  # m, of the clearance that the steps led to: what Ipopt need not keep
 SAG = 0.01  # m, that an obstacle is nearer between knots than at them where it gets a line for that
 
+Close = dict[Pair, float]  # distances of close pairs [m]
 
-def shortfall(scenario: Scenario, formulation: Formulation, found: Trajectory) -> float:
-    """How much a trajectory lacks of the clearance that is asked for at worst, 0 where it has that everywhere [m]."""
+
+def close_around(scenario: Scenario, formulation: Formulation, found: Trajectory) -> tuple[Formulation, Close]:
+    """The formulation around a trajectory, and the pairs with less clearance there than it asks for."""
     around = replace(formulation, reference=found)
-    close = close_pairs(around, drive(scenario.start, found, scenario.vehicle))
+    return around, close_pairs(around, drive(scenario.start, found, scenario.vehicle))
+
+
+def shortfall(around: Formulation, close: Close) -> float:
+    """How much close pairs lack of the clearance that a formulation asks for at worst, 0 where there are none [m]."""
     pairs = np.array(list(close), dtype=int).reshape(-1, 2)
     lacking = around.between(*pairs.T) - np.fromiter(close.values(), float)
     return float(lacking.max(initial=0.0, where=lacking > TIGHT))
 
 
 def with_more_clearance(
-    scenario: Scenario, before: Formulation, asked: Formulation, budget: Budget
+    scenario: Scenario, before: Formulation, asked: Formulation, there: Close, budget: Budget
 ) -> Formulation | None:
     """A formulation that asks for more clearance than a plan has, but for no more than SQP steps found possible.
 
@@ -45,6 +51,7 @@ def with_more_clearance(
         scenario: the task.
         before: what the plan is of.
         asked: the answer to the plan, with the clearance that is wanted.
+        there: the pairs that lack it in the plan.
         budget: when it is over, no step begins.
 
     Returns:
@@ -59,15 +66,14 @@ def with_more_clearance(
     has = np.full(len(found), np.inf)
     np.minimum.at(has, knots, shapely.distance(cars[knots], obstacles.polygons[which]) - RESERVE)
     most = np.maximum(has, before.demand.at(found.poses))
-    close = close_pairs(near, drive(scenario.start, found, scenario.vehicle))
-    there = close_pairs(asked, drive(scenario.start, asked.reference, scenario.vehicle))
+    _, close = close_around(scenario, near, found)
     missed = _missed_at_knots(asked, there) | _missed_at_knots(near, close)
     lines = tuple(line for line in before.lines if (line.interval, line.obstacle) not in missed)
     near = replace(near, demand=replace(near.demand, most=most), lines=lines)
     return with_lines(near, dict.fromkeys(missed, math.inf))
 
 
-def _missed_at_knots(formulation: Formulation, close: dict[Pair, float]) -> set[Pair]:
+def _missed_at_knots(formulation: Formulation, close: Close) -> set[Pair]:
     """The close pairs whose obstacle is nearer somewhere in the interval than at both its knots, and their neighbours.
 
     Rows at the knots miss them, and knots slide along the path.

@@ -23,7 +23,7 @@ from drake_gnnocp.budget import Budget
 from drake_gnnocp.ocp import ipopt
 from drake_gnnocp.ocp.answers import LEFT_BY_STEPS, answer, to_finish, with_lines
 from drake_gnnocp.ocp.close_pairs import overlapping_pairs
-from drake_gnnocp.ocp.comfort import shortfall, with_more_clearance
+from drake_gnnocp.ocp.comfort import close_around, shortfall, with_more_clearance
 from drake_gnnocp.ocp.costs import cost_terms, total_cost
 from drake_gnnocp.ocp.formulation import Formulation, demand_of
 from drake_gnnocp.ocp.ipopt import FINISH, USUAL, IpoptSettings
@@ -179,14 +179,16 @@ def _widened(scenario: Scenario, formulation: Formulation, solve: Solve, budget:
     if formulation.comfort <= scenario.clearance:
         return None
     comfortable = replace(formulation, demand=demand_of(scenario, formulation.comfort))
-    missed = shortfall(scenario, comfortable, solve.trajectory)
+    around, close = close_around(scenario, comfortable, solve.trajectory)
+    missed = shortfall(around, close)
     if not missed or budget.is_over:
         return None
-    asked = with_more_clearance(scenario, formulation, answer(scenario, comfortable, solve.trajectory), budget)
+    wanted = answer(scenario, comfortable, solve.trajectory)
+    asked = with_more_clearance(scenario, formulation, wanted, close, budget)
     if asked is None:
         return None
     wider = solve_once(scenario, asked, replace(FINISH, max_iterations=MOST_WIDENING), budget)
-    misses = shortfall(scenario, comfortable, wider.trajectory)
+    misses = shortfall(*close_around(scenario, comfortable, wider.trajectory))
     is_cheap = _cost(formulation, wider.trajectory) <= DEARER * _cost(formulation, solve.trajectory)
     return wider, wider.verification.verified and misses < missed and is_cheap
 

@@ -180,8 +180,7 @@ def attempt(
             refined = minimum_time.quicker(task, refined, options.cost, options.margin, budget)
     elif exact is not scenario:
         refined = relaxed(scenario, refined, options.cost, options.margin, budget)
-    reason = _found(guess) + refined.reason if refined.reason else ""
-    made = Attempt(guess.source, seconds, start, guess.probability, reason=reason)
+    made = Attempt(guess.source, seconds, start, guess.probability, reason=_reason(guess, refined))
     if steps is not None and refined.solves:
         made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
     return _with_solves(scenario, made, refined, options)
@@ -205,12 +204,12 @@ def at_rest(scenario: Scenario, seconds: float, options: PlanOptions) -> Attempt
     return _with_solves(scenario, made, Refined((solve,), 0, ""), options)
 
 
-def _found(guess: Guess) -> str:
-    """What a search found, as the beginning of a reason."""
-    if guess.path is None:
-        return ""
+def _reason(guess: Guess, refined: Refined) -> str:
+    """Why there is no verified plan, beginning with what a search found; empty where there is one."""
+    if guess.path is None or not refined.reason:
+        return refined.reason
     changes = n_sections(guess.path) - 1
-    return f"the search found a path with {counted(changes, 'change')} of gear; "
+    return f"the search found a path with {counted(changes, 'change')} of gear; {refined.reason}"
 
 
 def _with_solves(scenario: Scenario, made: Attempt, refined: Refined, options: PlanOptions) -> Attempt:
