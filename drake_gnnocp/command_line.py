@@ -31,7 +31,6 @@ from drake_gnnocp.console import (
 from drake_gnnocp.drake_log import log_to_stderr
 from drake_gnnocp.exports import EXPORTS, Exports, add_exports
 from drake_gnnocp.files import check_writable, replaced_together, write_atomically
-from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture
 from drake_gnnocp.planner.horizon import LONGEST, Fixed, Horizon, horizon_of
 from drake_gnnocp.planner.options import GUESSES, PlanOptions, source_named
 from drake_gnnocp.planner.planner import PlanInterrupted, plan
@@ -223,10 +222,11 @@ def _plan_one(
                 raise
             result, interrupted = interruption.plan, True
             exports, pictures = replace(exports, gif=False, mp4=False), False
-        result, note = _write(result, plans, exports, pictures)
+        result, note = exports.resampled(result)
+        print(result.summary, flush=True)  # pictures take longer than many a plan
+        _write(result, note, plans, exports, pictures)
     except OSError as error:
         return failed(error, plans)
-    print(result.summary)
     print(f"written to {plans}")
     if note:
         print(note, file=sys.stderr)
@@ -264,14 +264,14 @@ def plan_into(
     Raises:
         OSError: they could not be written.
     """
-    _write(plan(scenario, *how), folder, exports, pictures, options)
+    result, note = exports.resampled(plan(scenario, *how))
+    _write(result, note, folder, exports, pictures, options)
 
 
 def _write(
-    result: Plan, out: Path, exports: Exports, pictures: bool, options: Mapping[str, Any] | None = None
-) -> tuple[Plan, str]:
-    """Write a plan as it is asked for; returns what was written, and why that is not so."""
-    result, note = exports.resampled(result)
+    result: Plan, note: str, out: Path, exports: Exports, pictures: bool, options: Mapping[str, Any] | None = None
+) -> None:
+    """Write a plan and its pictures; with the options of a batch also that it is done, and a note on it."""
     with replaced_together(out, OUTPUTS) as stage:
         result.save(stage)
         exports.save(result, stage)
@@ -279,10 +279,11 @@ def _write(
             _save_pictures(result, stage)
         if options is not None:
             write_atomically(stage / MARK, mark(options, [path.name for path in stage.iterdir()], note))
-    return result, note
 
 
 def _save_pictures(result: Plan, folder: Path) -> None:
+    from drake_gnnocp.pictures import save_plan_picture, save_replay, save_states_picture  # matplotlib takes its time
+
     scenario, trajectory, guess = result.scenario, result.trajectory, result.guess
     title = f"{scenario.name}: {result.status.replace('_', ' ')}"
     save_plan_picture(folder / "plan.png", scenario, trajectory, guess, title, result.first_fault, result.no_path)

@@ -21,7 +21,6 @@ from drake_gnnocp.files import PACKAGE, parse_json, read_text
 from drake_gnnocp.maps.dxf import read_dxf
 from drake_gnnocp.maps.geojson import parse_geojson
 from drake_gnnocp.maps.grid_outlines import fields_of_grid
-from drake_gnnocp.maps.occupancy_map import read_map
 from drake_gnnocp.maps.tpcap import parse_tpcap
 from drake_gnnocp.shapes import Area
 from drake_gnnocp.vehicle import Vehicle
@@ -78,6 +77,8 @@ def read_fields(path: Path, unknown: str, layers: Sequence[str] = ()) -> dict[st
     if layers and suffix != ".dxf":
         raise ScenarioError("--layers: only a .dxf file has layers")
     if suffix in MAP_SUFFIXES:
+        from drake_gnnocp.maps.occupancy_map import read_map  # what reads images is not for every scenario
+
         return {"name": _name(path.stem), **fields_of_grid(read_map(path, unknown))}
     if suffix == ".dxf":
         return checked_fields(read_dxf(path, layers), WITHOUT_ENDS)

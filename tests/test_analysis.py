@@ -23,7 +23,9 @@ from drake_gnnocp.experiments.reports.curves_picture import analysis_figure
 from drake_gnnocp.experiments.reports.parameters import BASE, Parameter, Point, parameters
 from drake_gnnocp.experiments.reports.report import Report
 from drake_gnnocp.learning.checkpoint import save_weights
-from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
+from drake_gnnocp.learning.configs import NetworkConfig
+from drake_gnnocp.learning.modules import TrajectoryNetwork
+from drake_gnnocp.learning.trainable import trained
 
 TINY = NetworkConfig(width=16, heads=1, encoder_layers=1, proposer_layers=1, refinements=1, channels=8)
 SOLVER = ("hypotheses", "knots", "lambda2", "gamma")  # parameters of the planner's options
@@ -56,7 +58,7 @@ def test_methods_of_one_name_are_one_method() -> None:
         for point in parameter.points:
             assert seen.setdefault(point.method.name, point.method) == point.method
     assert seen["gnn default"].options.weights is None
-    assert seen[BASE].weights == Path("training") / BASE / "best.pt"
+    assert seen[BASE].weights == Path("training") / BASE / "best.safetensors"
     assert seen[f"{BASE} direct"].options.sqp is False
 
 
@@ -116,7 +118,7 @@ def test_values_without_their_network_are_skipped_with_a_line(
 ) -> None:
     (tmp_path / BASE).mkdir()
     torch.manual_seed(0)
-    save_weights(tmp_path / BASE / "best.pt", TrajectoryNetwork(TINY), {})
+    save_weights(tmp_path / BASE / "best.safetensors", trained(TrajectoryNetwork(TINY)), {})
     found = available(parameters(tmp_path), ["points"])
     assert [(point.value, point.series) for point in found["points"].points] == [(30, "gnn"), (30, "gnn_direct")]
     assert len(found["share"].points) == 2 and len(found["knots"].points) == 12
@@ -153,7 +155,7 @@ def test_the_command_writes_curves_and_makes_nothing_twice(
         (["hypotheses", "--out", "taken"], "--out: taken"),
         (["hypotheses", "--out", "foreign"], "runs.csv: is not a file of runs"),
         (["points"], "points: nothing to vary"),
-        (["knots", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
+        (["knots", "--weights", "missing.safetensors"], "'gnn' needs trained weights: missing.safetensors: No such"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(

@@ -83,4 +83,4 @@ def test_a_picture_is_shown_smaller_and_with_few_colours(folder: Path) -> None:
 
 
 def test_artifacts_are_those_of_the_clone() -> None:
-    assert (artifacts.artifacts_folder() / "weights" / "default.pt").exists()
+    assert (artifacts.artifacts_folder() / "weights" / "default.safetensors").exists()

@@ -247,9 +247,9 @@ def test_a_network_without_weights_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = write(tmp_path / "good.json", GOOD)
-    monkeypatch.setattr(guess_module, "bundled_weights", lambda *_: Path("nowhere.pt"))
+    monkeypatch.setattr(guess_module, "bundled_weights", lambda *_: Path("nowhere.safetensors"))
     line = complaint([name, "--guess", "gnn"], capsys)
-    assert line == "guess: 'gnn' needs trained weights: nowhere.pt: No such file or directory"
+    assert line == "guess: 'gnn' needs trained weights: nowhere.safetensors: No such file or directory"
 
 
 @pytest.mark.parametrize(

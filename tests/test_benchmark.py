@@ -90,7 +90,7 @@ def test_a_repeat_adds_runs_and_a_crash_is_a_row(
 
 
 def test_a_folder_keeps_its_settings_and_weights_by_their_content(tmp_path: Path) -> None:
-    weights = tmp_path / "weights.pt"
+    weights = tmp_path / "weights.safetensors"
     weights.write_bytes(b"1")
     engine_of(tmp_path, "hybrid_astar", Settings())
     engine_of(tmp_path, "gnn", Settings(weights=weights))  # another method is no other setting
@@ -113,9 +113,9 @@ def test_a_direct_method_gives_its_first_guess_to_ipopt_without_sqp_steps(method
 
 def test_every_method_has_its_network() -> None:
     names = ("gnn", "gnn_paper", "gnn_direct", "auto", "hybrid_astar", "hybrid_astar_direct")
-    methods = Settings(weights=Path("mine.pt")).methods(names)
+    methods = Settings(weights=Path("mine.safetensors")).methods(names)
     found = [(method.kind, method.source, method.weights) for method in methods]
-    mine, paper = Path("mine.pt"), bundled_weights("paper")
+    mine, paper = Path("mine.safetensors"), bundled_weights("paper")
     assert found[:3] == [("gnn", "gnn", mine), ("gnn", "gnn", paper), ("gnn", "gnn", mine)]
     assert found[3:] == [("auto", "gnn", mine), *(("hybrid_astar", "hybrid_astar", None),) * 2]
 
@@ -216,8 +216,14 @@ def test_the_papers_numbers_are_the_papers() -> None:
     [
         ([], "SCENARIO, --tasks or --tight: nothing to plan"),
         (["map_z"], "map_z: scenario: neither a .json, .geojson, .dxf, .csv, .yaml or .yml file nor a bundled name"),
-        (["map_a", "--methods", "gnn", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
-        (["map_a", "--methods", "auto", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
+        (
+            ["map_a", "--methods", "gnn", "--weights", "missing.safetensors"],
+            "'gnn' needs trained weights: missing.safetensors: No such",
+        ),
+        (
+            ["map_a", "--methods", "auto", "--weights", "missing.safetensors"],
+            "'gnn' needs trained weights: missing.safetensors: No such",
+        ),
         (["map_a", "--methods", "magic"], "invalid choice: 'magic'"),
         (["map_a", "--tasks", "-1"], "--tasks: must be a number of 0 or more, not '-1'"),
         (["map_a", "--repeat", "0"], "--repeat: must be a number of 1 or more, not '0'"),

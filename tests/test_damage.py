@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 from drake_gnnocp import GuessUnavailable, PlanOptions, Scenario, plan
 from drake_gnnocp.experiments.dataset import command
@@ -24,14 +25,9 @@ from drake_gnnocp.experiments.dataset.records import MapRecord, save_records
 from drake_gnnocp.experiments.reports.planning import main as benchmark_main
 from drake_gnnocp.files import locked
 from drake_gnnocp.guesses.learned import bundled_weights
-from drake_gnnocp.learning.checkpoint import (
-    Network,
-    WeightsError,
-    config_of,
-    load_weights,
-    new_network,
-    save_weights,
-)
+from drake_gnnocp.learning.checkpoint import WeightsError, load_weights, save_weights
+from drake_gnnocp.learning.configs import config_of
+from drake_gnnocp.learning.trainable import Network, new_network, trained
 
 BAD_INPUT = 2  # exit code
 FIELD = Scenario("field", np.zeros(3), np.array([12.0, 4.0, 0.4]))  # no obstacles
@@ -46,18 +42,18 @@ def network() -> Network:
 
 def test_the_packages_weights_have_a_checksum() -> None:
     for config in ("default", "paper"):
-        content = torch.load(bundled_weights(config), weights_only=True)
-        assert re.fullmatch("[0-9a-f]{64}", content["checksum"])
+        with safe_open(bundled_weights(config), framework="numpy") as file:
+            assert re.fullmatch("[0-9a-f]{64}", file.metadata()["checksum"])
 
 
 def test_weights_that_were_damaged_are_noticed(tmp_path: Path, network: Network) -> None:
-    path = tmp_path / "weights.pt"
-    save_weights(path, network, {})
+    path = tmp_path / "weights.safetensors"
+    save_weights(path, trained(network), {})
     load_weights(path)
     whole, largest = path.read_bytes(), max(network.state_dict().values(), key=torch.numel)
     at = whole.index(largest.numpy().tobytes()[:64])
     for damaged in (
-        whole[: at + 8] + b"\x01\x02\x03" + whole[at + 11 :],  # in the numbers: torch does not look at them
+        whole[: at + 8] + b"\x01\x02\x03" + whole[at + 11 :],  # in the numbers
         whole[: len(whole) // 2],
         b"PK" + whole[5:],
         b"",
@@ -73,10 +69,18 @@ def test_weights_that_are_not_finite_are_refused(
 ) -> None:
     with torch.no_grad():
         next(network.parameters()).view(-1)[0] = value
-    save_weights(tmp_path / "weights.pt", network, {})
-    with pytest.raises(GuessUnavailable, match=r"weights.pt: holds weights that are not finite"):
-        plan(FIELD, "gnn", options=PlanOptions(weights=tmp_path / "weights.pt"))
-    arguments = ["map_a", "--methods", "gnn", "--out", str(tmp_path / "out"), "--weights", str(tmp_path / "weights.pt")]
+    save_weights(tmp_path / "weights.safetensors", trained(network), {})
+    with pytest.raises(GuessUnavailable, match=r"weights.safetensors: holds weights that are not finite"):
+        plan(FIELD, "gnn", options=PlanOptions(weights=tmp_path / "weights.safetensors"))
+    arguments = [
+        "map_a",
+        "--methods",
+        "gnn",
+        "--out",
+        str(tmp_path / "out"),
+        "--weights",
+        str(tmp_path / "weights.safetensors"),
+    ]
     assert benchmark_main(arguments) == BAD_INPUT
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -85,8 +89,8 @@ def test_a_network_that_predicts_nonsense_gives_way_to_the_search(tmp_path: Path
     with torch.no_grad():
         for parameter in network.parameters():
             parameter.mul_(1e18)
-    save_weights(tmp_path / "weights.pt", network, {})
-    result = plan(FIELD, options=PlanOptions(weights=tmp_path / "weights.pt"))
+    save_weights(tmp_path / "weights.safetensors", trained(network), {})
+    result = plan(FIELD, options=PlanOptions(weights=tmp_path / "weights.safetensors"))
     assert result.verified and result.guess_source == "hybrid_astar"
 
 

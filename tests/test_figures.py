@@ -23,7 +23,9 @@ from drake_gnnocp.experiments.figures.plans import ROUNDS, Plans, Skipped, Solve
 from drake_gnnocp.experiments.figures.sheet import PAGE
 from drake_gnnocp.guesses import learned, rrt_star
 from drake_gnnocp.learning.checkpoint import save_weights
-from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
+from drake_gnnocp.learning.configs import NetworkConfig
+from drake_gnnocp.learning.modules import TrajectoryNetwork
+from drake_gnnocp.learning.trainable import trained
 from drake_gnnocp.pictures.style import DPI
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
@@ -44,18 +46,18 @@ def make_network(path: Path, points: int) -> Path:
     """Weights of a small untrained network."""
     torch.manual_seed(0)
     network = TrajectoryNetwork(NetworkConfig(points=points, width=16, channels=16, encoder_layers=1, hypotheses=2))
-    save_weights(path, network, {})
+    save_weights(path, trained(network), {})
     return path
 
 
 @pytest.fixture
 def untrained(tmp_path: Path) -> Path:
-    return make_network(tmp_path / "untrained.pt", NetworkConfig().points)
+    return make_network(tmp_path / "untrained.safetensors", NetworkConfig().points)
 
 
 @pytest.fixture
 def without_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learned, "bundled_weights", lambda: tmp_path / "missing.pt")
+    monkeypatch.setattr(learned, "bundled_weights", lambda: tmp_path / "missing.safetensors")
 
 
 def straight_line(scenario: Scenario) -> Trajectory:
@@ -126,7 +128,7 @@ def test_figures_of_plans_are_skipped_without_weights_each_with_one_line(
     assert main([*FROM_PLANS, "--out", str(tmp_path / "out")]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(":")[0] for line in lines] == list(FROM_PLANS)
-    assert all("skipped" in line and "missing.pt" in line for line in lines)
+    assert all("skipped" in line and "missing.safetensors" in line for line in lines)
     assert not list((tmp_path / "out").iterdir())
 
 
@@ -183,7 +185,7 @@ def test_disparity_without_ompl_compares_the_others_and_says_so(
 
 @pytest.mark.usefixtures("made_up")
 def test_interpolation_shows_a_denser_network_where_there_is_one(untrained: Path, tmp_path: Path) -> None:
-    dense = make_network(tmp_path / "dense.pt", 120)
+    dense = make_network(tmp_path / "dense.safetensors", 120)
     shown = [text.get_text() for text in texts(interpolation_figure(Plans(untrained, dense)))]
     assert "120 predicted points" in shown
     assert f"{NetworkConfig().points} predicted points" in shown
@@ -229,7 +231,7 @@ def test_turn_of_a_circle_is_its_curvature_and_a_cusp_has_none() -> None:
     [
         (["frameworks"], "must be one of framework, network"),
         (["--max-seconds", "0"], "--max-seconds"),
-        (["vehicle", "--weights", "no_such.pt"], "no_such.pt"),
+        (["vehicle", "--weights", "no_such.safetensors"], "no_such.safetensors"),
         (["vehicle", "--out", "/dev/null/out"], "--out"),
     ],
 )

@@ -27,8 +27,9 @@ from drake_gnnocp.experiments.dataset.label import KEPT, LEARNED, NO_PATH, SEARC
 from drake_gnnocp.experiments.dataset.records import save_records
 from drake_gnnocp.guesses import Guess
 from drake_gnnocp.guesses.straight import straight_line
-from drake_gnnocp.learning.checkpoint import new_network, save_weights
-from drake_gnnocp.learning.network import NetworkConfig
+from drake_gnnocp.learning.checkpoint import save_weights
+from drake_gnnocp.learning.configs import NetworkConfig
+from drake_gnnocp.learning.trainable import new_network, trained
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.verification import verify
 
@@ -100,8 +101,8 @@ def test_a_whole_dataset_is_improved_with_its_own_settings(tmp_path: Path, capsy
     assert main(command) == 0
     assert settings_of(after) == settings_of(before) == settings
     assert [record.index for record in load_dataset(after)] == [0]
-    other = tmp_path / "other.pt"
-    save_weights(other, new_network(NetworkConfig(width=16, channels=16)), {})
+    other = tmp_path / "other.safetensors"
+    save_weights(other, trained(new_network(NetworkConfig(width=16, channels=16))), {})
     capsys.readouterr()
     assert main([*command, "--weights", str(other)]) == 2  # nothing is mixed
     assert "was made with" in capsys.readouterr().err
@@ -117,7 +118,7 @@ def test_a_cluster_that_is_not_there_is_named(
 
 
 def test_weights_are_for_improving(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--weights", "best.pt", "--out", str(tmp_path / "new")]) == 2
+    assert main(["--weights", "best.safetensors", "--out", str(tmp_path / "new")]) == 2
     assert capsys.readouterr().err == "--weights: only with --improve\n"
     assert not (tmp_path / "new").exists()
 

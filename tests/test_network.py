@@ -10,26 +10,22 @@ import numpy as np
 import pytest
 import shapely
 import torch
+from safetensors.numpy import save
 from torch import nn
+from torch_scenes import torch_scene
 
 from drake_gnnocp.experiments.training.losses import LossWeights, kinematic_errors, loss_of
 from drake_gnnocp.experiments.training.samples import Batch
-from drake_gnnocp.learning.attention import Decoder, Encoder
-from drake_gnnocp.learning.checkpoint import (
-    CONFIGS,
-    Network,
-    WeightsError,
-    config_of,
-    load_weights,
-    new_network,
-    save_weights,
-)
+from drake_gnnocp.learning.checkpoint import WeightsError, load_weights, save_weights
+from drake_gnnocp.learning.configs import CONFIGS, NetworkConfig, PaperConfig, config_of
 from drake_gnnocp.learning.features import defects
-from drake_gnnocp.learning.network import NetworkConfig, Prediction, TrajectoryNetwork, composed, straight_line
-from drake_gnnocp.learning.paper_network import PaperConfig
+from drake_gnnocp.learning.layers import decoder, encoder, nested
+from drake_gnnocp.learning.modules import TrajectoryNetwork
+from drake_gnnocp.learning.network import Prediction, composed, straight_line
 from drake_gnnocp.learning.ranking import Ranking
-from drake_gnnocp.learning.scene import Scene, mirrored, scene_of, vectors_of
+from drake_gnnocp.learning.scene import Scene, mirrored, vectors_of
 from drake_gnnocp.learning.surroundings import nearest_obstacles, signed_distance
+from drake_gnnocp.learning.trainable import Network, new_network, trainable, trained
 from drake_gnnocp.scenario import Scenario
 
 SAME = 2e-3  # m and rad: float32 on tens of metres through some 20 layers
@@ -51,7 +47,7 @@ def known_scenes() -> list[Scenario]:
 
 def predict(network: Network, scenario: Scenario) -> Prediction:
     with torch.inference_mode():
-        return network(scene_of(scenario))
+        return network(torch_scene(scenario))
 
 
 def assert_same(one: Prediction, other: Prediction) -> None:
@@ -74,7 +70,7 @@ def test_the_first_vertex_and_the_orientation_of_a_polygon_do_not_matter(network
 
 
 def test_padding_does_not_matter(network: Network) -> None:
-    scene = scene_of(Scenario.load("map_a"))
+    scene = torch_scene(Scenario.load("map_a"))
     b, j, e, _ = scene.edges.shape
     edges, mask = torch.full((b, j + 5, e + 3, 4), 7.0), torch.zeros(b, j + 5, e + 3, dtype=torch.bool)
     edges[:, :j, :e], mask[:, :j, :e] = scene.edges, scene.mask
@@ -83,8 +79,8 @@ def test_padding_does_not_matter(network: Network) -> None:
 
 
 def test_a_batch_gives_what_its_scenes_give_alone(network: Network) -> None:
-    scene = scene_of(Scenario.load("map_a"))
-    twice = scene.subset(torch.tensor([0, 0]))
+    scene = torch_scene(Scenario.load("map_a"))
+    twice = scene.each(lambda x: x[[0, 0]])
     with torch.inference_mode():
         alone, both = network(scene), network(twice)
     assert_same(
@@ -94,7 +90,7 @@ def test_a_batch_gives_what_its_scenes_give_alone(network: Network) -> None:
 
 
 def test_some_ranks_are_those_of_all_hypotheses(network: Network) -> None:
-    scene = scene_of(Scenario.load("map_a"))
+    scene = torch_scene(Scenario.load("map_a"))
     with torch.inference_mode():
         every = network(scene)
         for ranks in (slice(0, 3), slice(3, None)):
@@ -129,7 +125,7 @@ def test_the_default_network_keeps_limits_and_ends() -> None:
         torch.nn.init.normal_(parameter, std=0.1)
     scenario = Scenario.load("map_a")
     states = predict(network, scenario).states
-    goal = scene_of(scenario).goal[0]
+    goal = torch_scene(scenario).goal[0]
     assert (states[..., 3].abs() <= scenario.vehicle.v_max).all()
     assert (states[..., 4].abs() <= scenario.vehicle.phi_max).all()
     assert (states[..., 0, :] == 0).all() and (states[..., -1, 3:] == 0).all()
@@ -151,14 +147,14 @@ def driving_in_a_circle(n: int, radius: float, speed: float, duration: float, wh
 
 def test_driving_in_a_circle_has_no_defects() -> None:
     states = driving_in_a_circle(200, 6.0, 1.5, 10.0, 2.8)
-    vehicle = scene_of(Scenario.load("map_a")).vehicle
+    vehicle = torch_scene(Scenario.load("map_a")).vehicle
     assert defects(states, torch.tensor([10.0]), vehicle).abs().max() < 1e-4  # 200 chords of 7.5 cm
     assert defects(states, torch.tensor([12.0]), vehicle).abs().max() > 1e-2
 
 
 def labelled_batch(n: int, points: int) -> Batch:
     rng = torch.Generator().manual_seed(0)
-    scene = scene_of(Scenario.load("map_a"))
+    scene = torch_scene(Scenario.load("map_a"))
     scene = Scene(
         *(part.expand(n, *part.shape[1:]).clone() for part in (scene.edges, scene.mask, scene.goal, scene.vehicle))
     )
@@ -209,13 +205,14 @@ def test_layers_compute_what_those_of_torch_do() -> None:
         "batch_first": True,
         "norm_first": True,
     }
-    encoder, decoder = nn.TransformerEncoderLayer(**sizes), nn.TransformerDecoderLayer(**sizes)
-    ours, other = Encoder(16, 4, 1), Decoder(16, 4, 1)
-    ours.layers[0].load_state_dict(encoder.state_dict())
-    other.layers[0].load_state_dict(decoder.state_dict())
-    seen = encoder(tokens, src_key_padding_mask=~mask)
-    torch.testing.assert_close(ours(tokens, mask)[mask], seen[mask])
-    torch.testing.assert_close(other(queries, tokens, mask), decoder(queries, tokens, memory_key_padding_mask=~mask))
+    layers = nn.TransformerEncoderLayer(**sizes), nn.TransformerDecoderLayer(**sizes)
+    of_encoder, of_decoder = (nested({f"layers.0.{name}": x for name, x in one.state_dict().items()}) for one in layers)
+    seen, read = (
+        layers[0](tokens, src_key_padding_mask=~mask),
+        layers[1](queries, tokens, memory_key_padding_mask=~mask),
+    )
+    torch.testing.assert_close(encoder(tokens, of_encoder, 4, mask)[mask], seen[mask])
+    torch.testing.assert_close(decoder(queries, tokens, of_decoder, 4, mask), read)
 
 
 def test_an_outline_of_many_edges_beside_others_of_few_is_as_far_as_it_is() -> None:
@@ -285,15 +282,17 @@ def test_defects_and_distances_in_a_mirror_are_the_same() -> None:
 
 def test_weights_and_their_ranking_come_back_from_disk(network: Network, tmp_path: Path) -> None:
     network.ranking = Ranking(0.5, -20.0, -1.0, -10.0, -0.1)
-    save_weights(tmp_path / "w.pt", network, {"epoch": 3})
-    found, about = load_weights(tmp_path / "w.pt")
+    save_weights(tmp_path / "w.safetensors", trained(network), {"epoch": 3})
+    found, about = load_weights(tmp_path / "w.safetensors")
     assert about == {"epoch": 3} and found.ranking == network.ranking
     scenario = Scenario.load("map_a")
-    torch.testing.assert_close(predict(found, scenario).states, predict(network, scenario).states, atol=0, rtol=0)
+    torch.testing.assert_close(
+        predict(trainable(found).eval(), scenario).states, predict(network, scenario).states, atol=0, rtol=0
+    )
 
 
 def test_a_trajectory_ends_in_the_turn_that_it_arrives_in() -> None:
-    scene = scene_of(Scenario("task", np.zeros(3), np.array([9.0, 4.0, 1.0])))
+    scene = torch_scene(Scenario("task", np.zeros(3), np.array([9.0, 4.0, 1.0])))
     raw = torch.zeros(1, 1, 5, 5)
     raw[..., 2] = 2 * math.pi * torch.linspace(0.0, 1.0, 5) + 0.3
     states = composed(raw, straight_line(scene, 5), scene)
@@ -302,17 +301,18 @@ def test_a_trajectory_ends_in_the_turn_that_it_arrives_in() -> None:
 
 @pytest.mark.parametrize("content", [b"", b"not weights", None])
 def test_other_files_are_not_weights(content: bytes | None, tmp_path: Path) -> None:
-    path = tmp_path / "w.pt"
+    path = tmp_path / "w.safetensors"
     if content is None:
-        torch.save({"kind": "default", "config": {"size": 3}, "weights": {}}, path)
+        texts = {"kind": "default", "config": '{"size": 3}', "ranking": "{}", "about": "{}", "checksum": ""}
+        path.write_bytes(save({"layer": np.zeros(3)}, texts))
     else:
         path.write_bytes(content)
-    with pytest.raises(WeightsError, match="w.pt"):
+    with pytest.raises(WeightsError, match="w.safetensors"):
         load_weights(path)
 
 
 def test_the_losses_are_finite_where_a_scene_has_no_obstacles(network: Network) -> None:
-    scene = scene_of(Scenario("empty", np.zeros(3), np.array([9.0, 4.0, 1.0])))
+    scene = torch_scene(Scenario("empty", np.zeros(3), np.array([9.0, 4.0, 1.0])))
     batch = Batch(scene, torch.zeros(1, 30, 5), torch.tensor([20.0]))
     loss = loss_of(network, batch, LossWeights())["loss"]
     loss.backward()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_gnnocp
-from drake_gnnocp import PlanOptions, Scenario, Trajectory, Vehicle, command_line, plan
+from drake_gnnocp import PlanOptions, Scenario, Trajectory, Vehicle, pictures, plan
 from drake_gnnocp.command_line import main
 from drake_gnnocp.guesses.straight import straight_line
 from drake_gnnocp.ocp import ipopt
@@ -161,7 +161,7 @@ def test_the_picture_of_an_unsolved_plan_shows_a_guess_and_no_optimised_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = []
-    monkeypatch.setattr(command_line, "save_plan_picture", lambda *given: drawn.append(given[2:4]))
+    monkeypatch.setattr(pictures, "save_plan_picture", lambda *given: drawn.append(given[2:4]))
     assert main(["empty_field", "--horizon", "3", "--out", str(tmp_path)]) == 3
     ((trajectory, guess),) = drawn
     assert trajectory is None and guess is not None

@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch_scenes import torch_scene
 
 from drake_gnnocp.guesses.learned import load_network
 from drake_gnnocp.learning.checkpoint import load_weights, save_weights
-from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
+from drake_gnnocp.learning.configs import NetworkConfig
+from drake_gnnocp.learning.modules import TrajectoryNetwork
 from drake_gnnocp.learning.predict import guesses, interpolated, spline_matrices
 from drake_gnnocp.learning.ranking import Ranking, rank_features
-from drake_gnnocp.learning.scene import MOST_OBSTACLES, Scene, scene_of, vectors_of
+from drake_gnnocp.learning.scene import MOST_OBSTACLES, Scene, vectors_of
+from drake_gnnocp.learning.trainable import trained
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -27,8 +30,8 @@ def test_hypotheses_come_in_the_order_of_the_ranking_in_the_file(tmp_path: Path)
     network, scenario = TrajectoryNetwork(config), Scenario.load("map_a")
     for sign in (1.0, -1.0):
         network.ranking = Ranking(score=0.0, duration=sign)
-        save_weights(tmp_path / "w.pt", network, {})
-        found = list(guesses(load_weights(tmp_path / "w.pt")[0], scenario, 10))
+        save_weights(tmp_path / "w.safetensors", trained(network), {})
+        found = list(guesses(load_weights(tmp_path / "w.safetensors")[0], scenario, 10))
         signed = [sign * guess.duration for guess in found]
         assert len(found) == 16 and len({guess.duration for guess in found}) == 16
         assert signed[:4] == sorted(signed[:4], reverse=True) and signed[4:] == sorted(signed[4:], reverse=True)
@@ -39,7 +42,7 @@ def test_the_ranking_sees_defects_and_penetration_in_metres() -> None:
     states[..., 2, 0] = 1.0  # a jump of 1 m at rest: one of six defects
     block = torch.tensor([[-50.0, 0.5], [50.0, 0.5], [50.0, 9.0], [-50.0, 9.0]])  # 0.5 m beside the car's axis
     edges = torch.cat([block, block.roll(-1, dims=0)], dim=1)[None, None]
-    vehicle = scene_of(Scenario.load("map_a")).vehicle
+    vehicle = torch_scene(Scenario.load("map_a")).vehicle
     scene = Scene(edges, torch.ones(1, 1, 4, dtype=torch.bool), torch.zeros(1, 3), vehicle)
     features = rank_features(states, torch.tensor([[10.0]]), torch.tensor([[-0.7]]), scene)
     assert features[0, 0].tolist() == pytest.approx([-0.7, 1 / 6, 1.0, Vehicle().width / 2 - 0.5, 10.0, 0.0], abs=1e-5)
@@ -49,7 +52,7 @@ def test_the_ranking_sees_changes_of_gear() -> None:
     states = torch.zeros(1, 2, 6, 5)
     states[0, 0, :, State.V] = torch.tensor([0.0, 1.0, -1.0, -1.0, 2.0, 0.0])
     states[0, 1, :, State.V] = torch.tensor([0.0, -1.0, -2.0, -1.0, -0.1, 0.0])
-    scene = scene_of(Scenario.load("map_a"))
+    scene = torch_scene(Scenario.load("map_a"))
     features = rank_features(states, torch.full((1, 2), 10.0), torch.zeros(1, 2), scene)
     assert features[0, :, -1].tolist() == [2.0, 0.0]
 
@@ -65,7 +68,7 @@ def test_all_views_of_a_task_together_are_those_of_its_image(turn: bool) -> None
     if turn:
         image = Scenario("image", goal, start, rings)
     found, other = (
-        sorted(guesses(network, task, network.config.points), key=lambda guess: guess.duration)
+        sorted(guesses(trained(network), task, network.config.points), key=lambda guess: guess.duration)
         for task in (Scenario("task", start, goal, rings), image)
     )
     assert len(found) == len(other) == 12

@@ -13,8 +13,10 @@ from drake_gnnocp import Scenario, Trajectory
 from drake_gnnocp.experiments.training import ranking_fit
 from drake_gnnocp.experiments.training.ranking_fit import Observations, fit_ranking, fitted_ranking, log_likelihood
 from drake_gnnocp.learning.checkpoint import load_weights, save_weights
-from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.configs import PaperConfig
+from drake_gnnocp.learning.paper_network import PaperNetwork
 from drake_gnnocp.learning.ranking import N_FEATURES, Ranking
+from drake_gnnocp.learning.trainable import trained
 
 KNOWN = Ranking(
     score=0.5, defect=-20.0, largest_defect=-1.0, penetration=-8.0, duration=-0.1, gear_changes=-0.4, intercept=0.7
@@ -73,13 +75,13 @@ def test_the_fit_is_written_into_the_file_of_the_weights(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(ranking_fit, "converges", is_long)
     torch.manual_seed(0)
-    path = tmp_path / "w.pt"
+    path = tmp_path / "w.safetensors"
     network = PaperNetwork(PaperConfig(hidden=16))
-    save_weights(path, network, {"epoch": 3})
+    save_weights(path, trained(network), {"epoch": 3})
     tasks = [Scenario("task", np.zeros(3), np.array([x, 2.0, 0.5])) for x in np.linspace(4.0, 20.0, 8)]
     table = fit_ranking(path, tasks)
     found, about = load_weights(path)
     assert found.ranking != network.ranking and about == {"epoch": 3}
     assert f"| duration | 0 | {found.ranking.duration:.4g} |" in table
     for name, weights in network.state_dict().items():
-        assert torch.equal(found.state_dict()[name], weights)
+        np.testing.assert_array_equal(found.arrays[name], weights)

@@ -126,13 +126,13 @@ def test_auto_goes_on_without_weights(
 
 
 def test_weights_that_are_named_must_be_there(scenario: Scenario) -> None:
-    for typo in (Path("typo.pt"), "typo.pt"):
-        with pytest.raises(GuessUnavailable, match=r"typo\.pt"):
+    for typo in (Path("typo.safetensors"), "typo.safetensors"):
+        with pytest.raises(GuessUnavailable, match=r"typo\.safetensors"):
             plan(scenario, options=PlanOptions(weights=typo))  # type: ignore[arg-type]
 
 
 def test_weights_that_changed_are_read_again(tmp_path: Path) -> None:
-    path = tmp_path / "best.pt"
+    path = tmp_path / "best.safetensors"
     shutil.copy(bundled_weights(), path)
     before = load_network(path)
     assert load_network(path) is before

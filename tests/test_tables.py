@@ -28,7 +28,9 @@ from drake_gnnocp.experiments.reports.raw_guesses import measure, nearest, raw_r
 from drake_gnnocp.experiments.reports.report import Report
 from drake_gnnocp.experiments.reports.tables_command import TABLES, main
 from drake_gnnocp.learning.checkpoint import save_weights
-from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.configs import PaperConfig
+from drake_gnnocp.learning.paper_network import PaperNetwork
+from drake_gnnocp.learning.trainable import trained
 
 ROUNDING = 1e-9  # m, of sums of 120 doubles
 
@@ -42,8 +44,8 @@ def task() -> Task:
 def untrained(tmp_path: Path) -> Method:
     """The paper's network as it is before training."""
     torch.manual_seed(0)
-    save_weights(tmp_path / "paper.pt", PaperNetwork(PaperConfig(hidden=16)), {})
-    return network_method("gnn_paper", tmp_path / "paper.pt", False)
+    save_weights(tmp_path / "paper.safetensors", trained(PaperNetwork(PaperConfig(hidden=16))), {})
+    return network_method("gnn_paper", tmp_path / "paper.safetensors", False)
 
 
 def test_ratios_on_a_map_are_those_of_the_same_repeat_beside_the_papers() -> None:
@@ -164,7 +166,7 @@ def test_inference_is_timed_from_the_scenario_to_the_first_guess(
 def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(
     task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missing = network_method("gnn_paper", tmp_path / "missing.pt", False)
+    missing = network_method("gnn_paper", tmp_path / "missing.safetensors", False)
     monkeypatch.setattr(Worker, "call", here)
     monkeypatch.setattr(command_line, "drawn_tasks", lambda n: [task][:n])
     monkeypatch.setattr(Settings, "methods", lambda *_: [method_named("hybrid_astar"), missing])
@@ -184,7 +186,7 @@ def test_the_command_leaves_out_methods_without_weights_and_makes_nothing_twice(
     [
         (["magic"], f"must be one of {', '.join(TABLES)}, not 'magic'"),
         (["--tasks", "0"], "--tasks: must be a number of 1 or more, not '0'"),
-        (["table", "--weights", "missing.pt"], "'gnn' needs trained weights: missing.pt: No such"),
+        (["table", "--weights", "missing.safetensors"], "'gnn' needs trained weights: missing.safetensors: No such"),
         (["table", "--out", "taken"], "--out: taken"),
     ],
 )

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from torch_scenes import torch_scene
 
 from drake_gnnocp.experiments.dataset.generate import DatasetSettings, MakeMap, check_settings
 from drake_gnnocp.experiments.dataset.records import save_records
@@ -17,11 +18,12 @@ from drake_gnnocp.experiments.training.command import main, override
 from drake_gnnocp.experiments.training.job import Job, beginning
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, Progress, learning_rate, train
-from drake_gnnocp.learning.checkpoint import Network, load_weights, save_weights
-from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
-from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.checkpoint import load_weights, save_weights
+from drake_gnnocp.learning.configs import NetworkConfig, PaperConfig
+from drake_gnnocp.learning.modules import TrajectoryNetwork
+from drake_gnnocp.learning.paper_network import PaperNetwork
 from drake_gnnocp.learning.ranking import Ranking
-from drake_gnnocp.learning.scene import scene_of
+from drake_gnnocp.learning.trainable import Network, trained
 from drake_gnnocp.scenario import Scenario
 
 SMALL = replace(PAPER_TRAINING, epochs=3, warm_up=1, batch=4)
@@ -56,23 +58,23 @@ def test_the_command_trains_keeps_the_best_weights_and_goes_on_only_where_nothin
     assert [row["epoch"] for row in rows] == ["1", "2"]
     assert rows[0]["plan_badness"] == "" and float(rows[1]["plan_badness"]) > 0
     assert (tmp_path / "curves.png").stat().st_size > 1000
-    _, about = load_weights(tmp_path / "best.pt")
+    _, about = load_weights(tmp_path / "best.safetensors")
     assert about["epoch"] == 2 and about["maps"] == 8
     assert main([*command, "--check-every", "2", "--check-tasks", "1"]) == 0  # nothing is left to do
     capsys.readouterr()
     for other, named in ((["--epochs", "3"], "epochs 2"), (["--share", "0.5"], "trajectories")):
         assert main([*command, *other]) == 2
         assert named in capsys.readouterr().err
-    weights = str(tmp_path / "best.pt")
+    weights = str(tmp_path / "best.safetensors")
     assert main([*command, "--from", weights]) == 2 and "from" in capsys.readouterr().err
     (tmp_path / "last.pt").write_bytes(b"nothing")
     assert main(command) == 2 and "last.pt: not a training" in capsys.readouterr().err
     (tmp_path / "last.pt").unlink()
-    network, _ = load_weights(tmp_path / "best.pt")
-    network.ranking = Ranking(score=0.5, duration=-0.1)
-    save_weights(tmp_path / "start.pt", network, {})
-    assert main([*command, "--from", str(tmp_path / "start.pt"), "--epochs", "1", "--check-tasks", "1"]) == 0
-    assert load_weights(tmp_path / "best.pt")[0].ranking == network.ranking  # until it is fitted anew
+    network, _ = load_weights(tmp_path / "best.safetensors")
+    network = replace(network, ranking=Ranking(score=0.5, duration=-0.1))
+    save_weights(tmp_path / "start.safetensors", network, {})
+    assert main([*command, "--from", str(tmp_path / "start.safetensors"), "--epochs", "1", "--check-tasks", "1"]) == 0
+    assert load_weights(tmp_path / "best.safetensors")[0].ranking == network.ranking  # until it is fitted anew
 
 
 def test_a_network_with_more_refinements_begins_as_the_one_before(tmp_path: Path) -> None:
@@ -81,13 +83,15 @@ def test_a_network_with_more_refinements_begins_as_the_one_before(tmp_path: Path
     before = TrajectoryNetwork(small).eval()
     for parameter in before.refiners.parameters():  # some are zero at first
         torch.nn.init.normal_(parameter, std=0.1)
-    save_weights(tmp_path / "start.pt", before, {})
-    begun = beginning(Job(replace(small, refinements=3), DEFAULT_TRAINING, tmp_path, tmp_path / "start.pt")).eval()
-    scene = scene_of(Scenario.load("map_a"))
+    save_weights(tmp_path / "start.safetensors", trained(before), {})
+    begun = beginning(
+        Job(replace(small, refinements=3), DEFAULT_TRAINING, tmp_path, tmp_path / "start.safetensors")
+    ).eval()
+    scene = torch_scene(Scenario.load("map_a"))
     with torch.inference_mode():
         torch.testing.assert_close(begun(scene).states, before(scene).states)
     with pytest.raises(ValueError, match="other sizes"):
-        beginning(Job(replace(small, refinements=0), DEFAULT_TRAINING, tmp_path, tmp_path / "start.pt"))
+        beginning(Job(replace(small, refinements=0), DEFAULT_TRAINING, tmp_path, tmp_path / "start.safetensors"))
 
 
 def test_a_training_that_was_stopped_ends_where_an_unbroken_one_does(samples: Samples, tmp_path: Path) -> None:
@@ -125,8 +129,8 @@ def test_the_learning_rate_warms_up_and_falls_along_a_cosine() -> None:
         ["--config", "other"],
         ["--device", "nowhere"],
         ["--device", "meta"],
-        ["--from", "nowhere.pt"],
-        ["--rank", "nowhere.pt"],
+        ["--from", "nowhere.safetensors"],
+        ["--rank", "nowhere.safetensors"],
         ["--set", "batch=0"],
         ["--set", "hypotheses=0"],
     ],
@@ -188,6 +192,6 @@ def test_planning_quality_counts_every_verified_plan_and_no_failure_for_less(mon
 
     plans = iter([(0, plan_of(True, 1)), (11, plan_of(True, 150)), (0, plan_of(False, 5)), (12, None)])
     monkeypatch.setattr(quality, "_planned", lambda *_: next(plans))
-    found = quality.planning_quality(small_network(), [Scenario.load("map_a")] * 4)
+    found = quality.planning_quality(trained(small_network()), [Scenario.load("map_a")] * 4)
     assert found["plan_verified"] == 0.5 and found["plan_first"] == 0.25 and found["plan_iterations"] == 5
     assert found["plan_badness"] == pytest.approx((4 + 3 * quality.FAILURE) / 4)

@@ -1,4 +1,7 @@
-"""Which files of a plan are written beside those that always are, how and with which rows."""
+"""Which files of a plan are written beside those that always are, how and with which rows.
+
+What draws is imported where something is drawn: matplotlib takes longer to import than many a plan to be made.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from drake_gnnocp.exports.ros import check_available, save_mcap
 from drake_gnnocp.exports.tables import CENTRE, REAR_AXLE, REFERENCES, save_centre_csv, save_json
-from drake_gnnocp.pictures.animation import check_mp4, save_gif, save_mp4
 from drake_gnnocp.planner.result import Plan
 
 FORMATS = {"csv": "trajectory.csv", "json": "trajectory.json", "mcap": "plan.mcap"}  # and their files
@@ -34,8 +35,12 @@ class Exports:
             ValueError: something is not installed; the message names it.
         """
         if "mcap" in self.formats:
+            from drake_gnnocp.exports.ros import check_available
+
             check_available()
         if self.mp4:
+            from drake_gnnocp.pictures.animation import check_mp4
+
             check_mp4()
 
     def resampled(self, plan: Plan) -> tuple[Plan, str]:
@@ -75,12 +80,15 @@ class Exports:
         if "json" in self.formats:
             save_json(folder / FORMATS["json"], scenario, trajectory, plan.status, self.reference)
         if "mcap" in self.formats:
+            from drake_gnnocp.exports.ros import save_mcap
+
             save_mcap(folder / FORMATS["mcap"], scenario, trajectory)
-        title = f"{scenario.name}: {plan.status}"
-        if self.gif:
-            save_gif(folder / GIF, scenario, trajectory, title, plan.first_fault)
-        if self.mp4:
-            save_mp4(folder / MP4, scenario, trajectory, title, plan.first_fault)
+        if self.gif or self.mp4:
+            from drake_gnnocp.pictures.animation import save_gif, save_mp4
+
+            films = [(GIF, save_gif)] * self.gif + [(MP4, save_mp4)] * self.mp4
+            for name, save_film in films:
+                save_film(folder / name, scenario, trajectory, f"{scenario.name}: {plan.status}", plan.first_fault)
 
 
 def add_exports(parser: argparse.ArgumentParser) -> None:

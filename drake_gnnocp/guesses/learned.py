@@ -1,6 +1,6 @@
 """The network's hypotheses.
 
-torch is imported when a learned guess is first asked for: it takes a second that other plans need not wait for.
+What they need is imported when a learned guess is first asked for: other plans need not wait for it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drake_gnnocp.guesses.base import Guess, GuessUnavailable, NoGuess
 from drake_gnnocp.scenario import Scenario
 
 if TYPE_CHECKING:
-    from drake_gnnocp.learning.checkpoint import Network
+    from drake_gnnocp.learning.checkpoint import Trained
 
 
 FARTHEST = 12.0  # lengths of the car; in the dataset it is 9.1 at most
@@ -67,7 +67,7 @@ class Learned:
             begin = time.monotonic()
 
 
-def load_network(weights: Path | None = None) -> Network:
+def load_network(weights: Path | None = None) -> Trained:
     """The trained network in a file, or the one that comes with the package; read once, and again when it changes.
 
     Raises:
@@ -78,7 +78,7 @@ def load_network(weights: Path | None = None) -> Network:
 
 
 @lru_cache(maxsize=8)
-def _load_network(path: Path, _changed: int) -> Network:
+def _load_network(path: Path, _changed: int) -> Trained:
     """The network in a file, warmed up."""
     from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
     from drake_gnnocp.learning.predict import guesses
@@ -93,4 +93,4 @@ def _load_network(path: Path, _changed: int) -> Network:
 
 def bundled_weights(config: str = "default") -> Path:
     """The file of the weights that come with the package, of one of the networks' configurations."""
-    return PACKAGE / "weights" / f"{config}.pt"
+    return PACKAGE / "weights" / f"{config}.safetensors"

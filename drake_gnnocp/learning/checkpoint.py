@@ -1,93 +1,112 @@
 """Weights on disk: with the configuration of their network and the ranking fitted to it.
 
-Files are loaded without running code from them.
+The file is one of safetensors, which holds numbers and texts and no code. To plan with the `default` network nothing
+of torch is needed.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
-from dataclasses import asdict
+import json
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from drake_gnnocp.files import first_line, write_atomically
-from drake_gnnocp.learning.network import NetworkConfig, TrajectoryNetwork
-from drake_gnnocp.learning.paper_network import PaperConfig, PaperNetwork
+from drake_gnnocp.learning.configs import NetworkConfig, PaperConfig
+from drake_gnnocp.learning.layers import Weights, nested
+from drake_gnnocp.learning.network import EVERY_RANK, Prediction, predicted
 from drake_gnnocp.learning.ranking import Ranking
+from drake_gnnocp.learning.scene import Scene
 
-CONFIGS = ("default", "paper")
-Network = TrajectoryNetwork | PaperNetwork
+if TYPE_CHECKING:
+    from drake_gnnocp.learning.trainable import Network
 
 
 class WeightsError(ValueError):
     """A file does not hold weights of this package's networks; the message names it."""
 
 
-def config_of(kind: str) -> NetworkConfig | PaperConfig:
-    """The sizes of one of CONFIGS."""
-    return NetworkConfig() if kind == "default" else PaperConfig()
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A network ready for use, a function of scenes in numpy."""
+
+    config: NetworkConfig | PaperConfig
+    ranking: Ranking
+    arrays: dict[str, np.ndarray]  # weights by their names
+
+    def __call__(self, scene: Scene, ranks: slice = EVERY_RANK) -> Prediction:
+        """Trajectories of every scene, the likeliest first; of some ranks only, where that is enough."""
+        if not isinstance(self.config, NetworkConfig):
+            return self._by_torch(scene, ranks)
+        with np.errstate(all="ignore"):  # numbers that are not finite are noticed where they are used
+            return predicted(self._weights, self.config, scene, ranks)
+
+    @cached_property
+    def _weights(self) -> Weights:
+        return nested(self.arrays)
+
+    @cached_property
+    def _module(self) -> Network:
+        from drake_gnnocp.learning.trainable import trainable
+
+        return trainable(self).eval()
+
+    def _by_torch(self, scene: Scene, ranks: slice) -> Prediction:
+        """The paper's network is there to compare with: torch computes it."""
+        import torch
+
+        with torch.inference_mode():
+            found = self._module(scene.each(torch.from_numpy), ranks)
+        return Prediction(found.states.numpy(), found.duration.numpy(), found.score.numpy())
 
 
-def new_network(config: NetworkConfig | PaperConfig) -> Network:
-    """An untrained network."""
-    return TrajectoryNetwork(config) if isinstance(config, NetworkConfig) else PaperNetwork(config)
-
-
-def save_weights(path: Path, network: Network, about: dict[str, Any]) -> None:
+def save_weights(path: Path, trained: Trained, about: dict[str, Any]) -> None:
     """Write weights, configuration and ranking, and what else is to be known of them (texts and numbers)."""
-    content = {
-        "kind": "default" if isinstance(network, TrajectoryNetwork) else "paper",
-        "config": asdict(network.config),
-        "ranking": asdict(network.ranking),
-        "about": about,
-        "weights": network.state_dict(),
+    texts = {
+        "kind": "default" if isinstance(trained.config, NetworkConfig) else "paper",
+        "config": json.dumps(asdict(trained.config)),
+        "ranking": json.dumps(asdict(trained.ranking)),
+        "about": json.dumps(about),
     }
-    save_atomically(path, content | {"checksum": _checksum(content)})
+    write_atomically(path, save(trained.arrays, texts | {"checksum": _checksum(texts, trained.arrays)}))
 
 
-def _checksum(content: dict[str, Any]) -> str:
+def _checksum(texts: dict[str, str], arrays: dict[str, np.ndarray]) -> str:
     """Of all that a prediction depends on."""
-    digest = hashlib.sha256(repr([content[key] for key in ("kind", "config", "ranking")]).encode())
-    for name, tensor in sorted(content["weights"].items()):
-        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    digest = hashlib.sha256(repr([texts[key] for key in ("kind", "config", "ranking")]).encode())
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 
-def save_atomically(path: Path, content: dict[str, Any]) -> None:
-    """`torch.save` that leaves no half-written file."""
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    write_atomically(path, buffer.getvalue())
-
-
-def load_weights(path: Path) -> tuple[Network, dict[str, Any]]:
-    """The network in a file with its ranking, ready for use, and what else is to be known of it.
+def load_weights(path: Path) -> tuple[Trained, dict[str, Any]]:
+    """The network in a file with its ranking, and what else is to be known of it.
 
     Raises:
         WeightsError: the file cannot be read, is something else or damaged, or holds numbers that are not finite.
     """
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-        about = dict(content["about"])
-        config = NetworkConfig if content["kind"] == "default" else PaperConfig
-        network = new_network(config(**content["config"]))
-        network.ranking = Ranking(**content["ranking"])
-        network.load_state_dict(content["weights"])
-        checksum, saved = _checksum(content), content.get("checksum")  # files from before there was one have none
+        path.open("rb").close()  # whose errors say what is the matter, and those of the library do not
+        with safe_open(path, framework="numpy") as file:
+            texts = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
+        sizes = {"default": NetworkConfig, "paper": PaperConfig}[texts["kind"]](**json.loads(texts["config"]))
+        trained = Trained(sizes, Ranking(**json.loads(texts["ranking"])), arrays)
+        about, saved = dict(json.loads(texts["about"])), texts["checksum"]
     except OSError as error:
         raise WeightsError(f"{path}: {error.strerror}") from None
-    except Exception as error:  # torch's own errors for other files have no common class
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
         raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
-    if saved not in (None, checksum):
+    if saved != _checksum(texts, arrays):
         raise WeightsError(f"{path}: damaged: what it holds is not what was saved")
-    numbers = [
-        *network.state_dict().values(),
-        torch.tensor([*network.ranking.weights, network.ranking.intercept or 0.0]),
-    ]
-    if not all(torch.isfinite(tensor).all() for tensor in numbers):
+    ranking = trained.ranking
+    if not all(np.isfinite(array).all() for array in (*arrays.values(), [*ranking.weights, ranking.intercept or 0.0])):
         raise WeightsError(f"{path}: holds weights that are not finite")
-    return network.eval(), about
+    return trained, about

@@ -5,58 +5,61 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from drake_gnnocp.learning.arrays import Array, array_namespace
 from drake_gnnocp.learning.scene import PHI_MAX, V_MAX, WHEELBASE, Scene, into_frame
 from drake_gnnocp.vehicle import State, Vehicle
 
 LENGTH = 10.0  # m, unit of lengths inside the networks
 POSE, MOTION = slice(State.X, State.V), slice(State.V, State.PHI + 1)  # columns of states
 TASK_FEATURES, POINT_FEATURES = 17, 28
-USUAL_VEHICLE = torch.tensor(list(Vehicle().to_dict().values()))
+USUAL_VEHICLE = np.array(list(Vehicle().to_dict().values()))
 
 
-def task_features(scene: Scene) -> Tensor:
+def task_features(scene: Scene) -> Array:
     """Goal and vehicle: (B, TASK_FEATURES)."""
-    x, y, theta = scene.goal.unbind(dim=1)
-    distance = torch.hypot(x, y)
-    start = into_frame(torch.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
-    pose = torch.stack([x, y, start[:, 0], start[:, 1], distance], dim=1) / LENGTH
-    angles = torch.stack([torch.cos(theta), torch.sin(theta), theta, torch.log1p(distance)], dim=1)
-    return torch.cat([pose, angles, 5 * (scene.vehicle / USUAL_VEHICLE.to(scene.vehicle) - 1)], dim=1)
+    xp = array_namespace(scene.goal)
+    x, y, theta = (scene.goal[:, i] for i in range(3))
+    distance = xp.hypot(x, y)
+    start = into_frame(xp.zeros_like(scene.goal[:, :2]), scene.goal)  # the start seen from the goal
+    pose = xp.stack([x, y, start[:, 0], start[:, 1], distance], axis=1) / LENGTH
+    angles = xp.stack([xp.cos(theta), xp.sin(theta), theta, xp.log1p(distance)], axis=1)
+    usual = xp.asarray(USUAL_VEHICLE, dtype=scene.vehicle.dtype)
+    return xp.concat([pose, angles, 5 * (scene.vehicle / usual - 1)], axis=1)
 
 
 @lru_cache(maxsize=4)
-@torch.inference_mode(False)
-def clock(points: int) -> Tensor:
+def clock(points: int) -> np.ndarray:
     """Where a point is on the way from 0 at the start to 1 at the goal, and waves of that: (T, 7)."""
-    u = torch.linspace(0.0, 1.0, points)
-    waves = [wave(2 * math.pi * n * u) for n in (1, 2) for wave in (torch.cos, torch.sin)]
-    return torch.stack([u, u * (1 - u), torch.cos(math.pi * u), *waves], dim=-1)
+    u = np.linspace(0.0, 1.0, points)
+    waves = [wave(2 * math.pi * n * u) for n in (1, 2) for wave in (np.cos, np.sin)]
+    return np.stack([u, u * (1 - u), np.cos(math.pi * u), *waves], axis=-1)
 
 
-def point_features(states: Tensor, duration: Tensor, scene: Scene) -> Tensor:
+def point_features(states: Array, duration: Array, scene: Scene) -> Array:
     """Each point, its place on the way, and defects and changes to its neighbours: (B, T, POINT_FEATURES)."""
-    n = states.shape[1]
+    xp = array_namespace(states)
+    b, n = states.shape[:2]
     dt = (duration / (n - 1))[:, None]
-    x, y, theta, v, phi = states.unbind(dim=-1)
+    x, y, theta, v, phi = (states[..., column] for column in State)
     defect = defects(states, duration, scene.vehicle)  # (B, T - 1, 3)
-    zero = torch.zeros_like(defect[:, :1])
-    before, after = torch.cat([zero, defect], dim=1), torch.cat([defect, zero], dim=1)
+    zero = xp.zeros_like(defect[:, :1])
+    before, after = xp.concat([zero, defect], axis=1), xp.concat([defect, zero], axis=1)
     goal = into_frame(states[..., :2], scene.goal)
     turn = theta - scene.goal[:, 2:]
     v_max, phi_max = scene.vehicle[:, [V_MAX]], scene.vehicle[:, [PHI_MAX]]
-    change = torch.diff(states[..., MOTION], dim=1, prepend=states[:, :1, MOTION])
+    motion = states[..., MOTION]
+    change = xp.concat([xp.zeros_like(motion[:, :1]), motion[:, 1:] - motion[:, :-1]], axis=1)
     columns = [
-        x / LENGTH, y / LENGTH, goal[..., 0] / LENGTH, goal[..., 1] / LENGTH, torch.cos(theta), torch.sin(theta),
-        torch.cos(turn), torch.sin(turn), theta, v / v_max, phi / phi_max, torch.log(dt).expand_as(x), dt * v,
+        x / LENGTH, y / LENGTH, goal[..., 0] / LENGTH, goal[..., 1] / LENGTH, xp.cos(theta), xp.sin(theta),
+        xp.cos(turn), xp.sin(turn), theta, v / v_max, phi / phi_max, xp.broadcast_to(xp.log(dt), (b, n)), dt * v,
     ]  # fmt: skip
-    waves = clock(n).to(states).expand(len(states), -1, -1)
-    return torch.cat([torch.stack(columns, dim=-1), waves, change, before, after], dim=-1)
+    waves = xp.broadcast_to(xp.asarray(clock(n), dtype=states.dtype), (b, n, clock(n).shape[1]))
+    return xp.concat([xp.stack(columns, axis=-1), waves, change, before, after], axis=-1)
 
 
-def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
+def defects(states: Array, duration: Array, vehicle: Array) -> Array:
     """Defects of the kinematic model between points, in the car's frame.
 
     Args:
@@ -67,14 +70,15 @@ def defects(states: Tensor, duration: Tensor, vehicle: Tensor) -> Tensor:
     Returns:
         (B, ..., T - 1, 3) along, across, turn [m, m, rad].
     """
+    xp = array_namespace(states)
     dt = (duration / (states.shape[-2] - 1))[..., None]
     left, right = states[..., :-1, :], states[..., 1:, :]
-    wheelbase = vehicle[:, WHEELBASE].reshape(-1, *[1] * (states.dim() - 2))
+    wheelbase = vehicle[:, WHEELBASE].reshape((-1, *[1] * (states.ndim - 2)))
     mean = (left + right) / 2
     theta, v = mean[..., State.THETA], mean[..., State.V]
-    turn = left[..., State.V] * torch.tan(left[..., State.PHI]) + right[..., State.V] * torch.tan(right[..., State.PHI])
+    turn = left[..., State.V] * xp.tan(left[..., State.PHI]) + right[..., State.V] * xp.tan(right[..., State.PHI])
     step = right - left
-    cos, sin = torch.cos(theta), torch.sin(theta)
+    cos, sin = xp.cos(theta), xp.sin(theta)
     along = cos * step[..., 0] + sin * step[..., 1] - v * dt
     across = cos * step[..., 1] - sin * step[..., 0]
-    return torch.stack([along, across, step[..., 2] - turn / (2 * wheelbase) * dt], dim=-1)
+    return xp.stack([along, across, step[..., 2] - turn / (2 * wheelbase) * dt], axis=-1)

@@ -11,29 +11,19 @@ prediction: the length of the path over the mean speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor, nn
 
+from drake_gnnocp.learning.configs import PaperConfig
 from drake_gnnocp.learning.features import LENGTH
-from drake_gnnocp.learning.network import UNFITTED, Prediction, mlp
-from drake_gnnocp.learning.ranking import Ranking
+from drake_gnnocp.learning.modules import mlp
+from drake_gnnocp.learning.network import Prediction
+from drake_gnnocp.learning.ranking import UNFITTED, Ranking
 from drake_gnnocp.learning.scene import Scene
 from drake_gnnocp.vehicle import State
 
 SLOWEST = 0.05  # m/s, least mean speed a duration is computed with
 KIND_OF_STATE, KIND_OF_OBSTACLE = 1.0, 0.0
-
-
-@dataclass(frozen=True)
-class PaperConfig:
-    """Sizes of the network, the paper's."""
-
-    points: int = 30  # N_out
-    hidden: int = 128  # neurons of the hidden layers
-    subgraph_layers: int = 3
-    graph_rounds: int = 3
 
 
 class Fusion(nn.Module):

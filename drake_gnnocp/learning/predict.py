@@ -13,14 +13,12 @@ took the solver half the iterations that linear interpolation took.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from drake_gnnocp.learning.checkpoint import Network
+from drake_gnnocp.learning.checkpoint import Trained
 from drake_gnnocp.learning.ranking import rank_features
 from drake_gnnocp.learning.scene import (
     Scene,
@@ -45,12 +43,12 @@ class Hypothesis:
 
     points: np.ndarray  # (T, 5) x, y, theta, v, phi at equal steps [m, m, rad, m/s, rad]
     duration: float  # s
-    features: Tensor  # (N_FEATURES,) see `rank_features`
+    features: np.ndarray  # (N_FEATURES,) see `rank_features`
     promise: float  # see `Ranking`
     probability: float | None  # that the planner's SQP steps from it converge
 
 
-def guesses(network: Network, scenario: Scenario, n_knots: int) -> Iterator[Trajectory]:
+def guesses(network: Trained, scenario: Scenario, n_knots: int) -> Iterator[Trajectory]:
     """The hypotheses in turn as trajectories of n_knots equally spaced knots in the scenario's frame.
 
     Args:
@@ -62,7 +60,7 @@ def guesses(network: Network, scenario: Scenario, n_knots: int) -> Iterator[Traj
         yield interpolated(hypothesis.points, hypothesis.duration, scenario, n_knots)
 
 
-def hypotheses(network: Network, scenario: Scenario) -> Iterator[Hypothesis]:
+def hypotheses(network: Trained, scenario: Scenario) -> Iterator[Hypothesis]:
     """The network's hypotheses, the most promising first.
 
     The likeliest of the scene as it is come first: refining is what takes time. After them, where they are asked for,
@@ -77,8 +75,7 @@ def hypotheses(network: Network, scenario: Scenario) -> Iterator[Hypothesis]:
     yield from _best_first(others)
 
 
-@torch.inference_mode()
-def first_looks(network: Network, scene_task: Scenario, tasks: Sequence[Scenario], n_knots: int) -> list[Trajectory]:
+def first_looks(network: Trained, scene_task: Scenario, tasks: Sequence[Scenario], n_knots: int) -> list[Trajectory]:
     """The most promising of the likeliest hypotheses for each of several goals in one scene, in one pass.
 
     Args:
@@ -88,13 +85,13 @@ def first_looks(network: Network, scene_task: Scenario, tasks: Sequence[Scenario
         n_knots: of each trajectory.
     """
     one, n = scene_of(scene_task), len(tasks)
-    goals = torch.cat([goal_of(task) for task in tasks])
-    scene = Scene(one.edges.expand(n, -1, -1, -1), one.mask.expand(n, -1, -1), goals, one.vehicle.expand(n, -1))
+    goals = np.concatenate([goal_of(task) for task in tasks])
+    scene = replace(one.each(lambda x: np.repeat(x, n, axis=0)), goal=goals)
     prediction = network(scene, LIKELIEST)
     features = rank_features(prediction.states, prediction.duration, prediction.score, scene)
-    best = network.ranking.promise(features).argmax(dim=1).tolist()
+    best = network.ranking.promise(features).argmax(axis=1).tolist()
     return [
-        interpolated(prediction.states[i, k].double().cpu().numpy(), float(prediction.duration[i, k]), task, n_knots)
+        interpolated(prediction.states[i, k].astype(float), float(prediction.duration[i, k]), task, n_knots)
         for i, (k, task) in enumerate(zip(best, tasks, strict=True))
     ]
 
@@ -103,24 +100,22 @@ def _best_first(found: list[Hypothesis]) -> list[Hypothesis]:
     return sorted(found, key=lambda hypothesis: hypothesis.promise, reverse=True)
 
 
-@torch.inference_mode()
 def _seen_from(
-    network: Network, scene: Scene, ranks: slice = slice(None), mirror: bool = False, turn: bool = False
+    network: Trained, scene: Scene, ranks: slice = slice(None), mirror: bool = False, turn: bool = False
 ) -> list[Hypothesis]:
     """Hypotheses for one scene from one view of it, in the scene's frame."""
     view = turned_around(scene) if turn else scene
-    view = mirrored(view, view.goal.new_zeros(1, 1, 5))[0] if mirror else view
+    view = mirrored(view, np.zeros((1, 1, len(State)), np.float32))[0] if mirror else view
     prediction = network(view, ranks)
     states = prediction.states
     states = mirrored(view, states)[1] if mirror else states
     if turn:
         states = out_of_frame(reversed_in_time(states), scene.goal)
-        turns = torch.round(states[..., :1, 2] / (2 * torch.pi))
-        states[..., 2] -= 2 * torch.pi * turns
+        states[..., State.THETA] -= 2 * np.pi * np.round(states[..., :1, State.THETA] / (2 * np.pi))
     features = rank_features(states, prediction.duration, prediction.score, scene)[0]
     promise = network.ranking.promise(features).tolist()
     probability = map(network.ranking.probability, promise)
-    points, durations = states[0].double().cpu().numpy(), prediction.duration[0].tolist()
+    points, durations = states[0].astype(float), prediction.duration[0].tolist()
     return [Hypothesis(*row) for row in zip(points, durations, features, promise, probability, strict=True)]
 
 

@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from drake_gnnocp.learning.arrays import Array, array_namespace, relu
 from drake_gnnocp.learning.features import defects
 from drake_gnnocp.learning.scene import WIDTH, Scene
-from drake_gnnocp.learning.surroundings import signed_distance, stations
+from drake_gnnocp.learning.surroundings import STATIONS, signed_distance, stations
 from drake_gnnocp.vehicle import State
 
 N_FEATURES = 6
@@ -38,16 +36,19 @@ class Ranking:
         """Of the features, in their order."""
         return (self.score, self.defect, self.largest_defect, self.penetration, self.duration, self.gear_changes)
 
-    def promise(self, features: Tensor) -> Tensor:
+    def promise(self, features: Array) -> Array:
         """How promising hypotheses with features (..., N_FEATURES) are: (...)."""
-        return features @ features.new_tensor(self.weights)
+        return features @ array_namespace(features).asarray(self.weights, dtype=features.dtype)
 
     def probability(self, promise: float) -> float | None:
         """That the steps from a hypothesis that is so promising converge; None without a fit."""
         return None if self.intercept is None else 0.5 * (1 + math.tanh((promise + self.intercept) / 2))
 
 
-def rank_features(states: Tensor, duration: Tensor, score: Tensor, scene: Scene) -> Tensor:
+UNFITTED = Ranking()
+
+
+def rank_features(states: Array, duration: Array, score: Array, scene: Scene) -> Array:
     """Features (B, K, N_FEATURES) of K hypotheses of each of B scenes, in the order of the fields of `Ranking`.
 
     Args:
@@ -56,16 +57,18 @@ def rank_features(states: Tensor, duration: Tensor, score: Tensor, scene: Scene)
         score: (B, K) of the network, logits.
         scene: B scenes.
     """
-    defect = defects(states, duration, scene.vehicle).abs()
-    discs = stations(states[..., :3].flatten(1, 2), scene.vehicle)  # (B, K T, S, 2)
-    clearance = signed_distance(discs.flatten(1, 2), scene.edges, scene.mask).amin(dim=1)  # (B, K T S)
-    penetration = torch.relu(scene.vehicle[:, [WIDTH]] / 2 - clearance)
-    penetration = penetration.unflatten(1, (*states.shape[1:3], discs.shape[2])).mean(dim=(-1, -2))
-    mean, largest = defect.mean(dim=(-1, -2)), defect.amax(dim=(-1, -2))
-    return torch.stack([score, mean, largest, penetration, duration, _gear_changes(states)], dim=-1)
+    xp, (b, k, t) = array_namespace(states), states.shape[:3]
+    defect = abs(defects(states, duration, scene.vehicle))
+    discs = stations(states[..., :3].reshape((b, k * t, 3)), scene.vehicle)  # (B, K T, S, 2)
+    discs = discs.reshape((b, k * t * len(STATIONS), 2))
+    clearance = xp.min(signed_distance(discs, scene.edges, scene.mask), axis=1)  # (B, K T S)
+    penetration = relu(scene.vehicle[:, [WIDTH]] / 2 - clearance).reshape((b, k, t * len(STATIONS)))
+    mean, largest = xp.mean(defect, axis=(-1, -2)), xp.max(defect, axis=(-1, -2))
+    return xp.stack([score, mean, largest, xp.mean(penetration, axis=-1), duration, _gear_changes(states)], axis=-1)
 
 
-def _gear_changes(states: Tensor) -> Tensor:
+def _gear_changes(states: Array) -> Array:
     """How often trajectories (..., T, 5) change gear: (...)."""
-    gears = torch.sign(states[..., State.V])
-    return (gears[..., 1:-2] * gears[..., 2:-1] < 0).to(states).sum(dim=-1)
+    xp = array_namespace(states)
+    gears = xp.sign(states[..., State.V])
+    return xp.sum(xp.astype(gears[..., 1:-2] * gears[..., 2:-1] < 0, states.dtype), axis=-1)

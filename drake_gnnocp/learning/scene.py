@@ -1,4 +1,4 @@
-r"""Scenes and trajectories as tensors, seen from the start.
+r"""Scenes and trajectories as arrays, seen from the start.
 
 The start pose is the origin of the frame, so a prediction moves with the scene. Obstacles are vectors (edges), as in
 the paper: a vector has a tail and a head, and the vectors of a ring form one subgraph. Bounds are four more subgraphs
@@ -15,10 +15,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import shapely
-import torch
 from shapely.geometry.polygon import orient
-from torch import Tensor
 
+from drake_gnnocp.learning.arrays import Array, array_namespace, put
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.vehicle import State, Vehicle
 
@@ -36,44 +35,45 @@ WALLS_WITHIN = 100.0  # m, of the box around start and goal: bounds farther away
 class Scene:
     """B scenes in the frames of their starts. J obstacles, E edges each."""
 
-    edges: Tensor  # (B, J, E, 4) tail x, y, head x, y [m], counter-clockwise
-    mask: Tensor  # (B, J, E) bool, True where there is an edge
-    goal: Tensor  # (B, 3) x, y, theta [m, m, rad]
-    vehicle: Tensor  # (B, 8) the vehicle's parameters in the order of `Vehicle`
+    edges: Array  # (B, J, E, 4) tail x, y, head x, y [m], counter-clockwise
+    mask: Array  # (B, J, E) bool, True where there is an edge
+    goal: Array  # (B, 3) x, y, theta [m, m, rad]
+    vehicle: Array  # (B, 8) the vehicle's parameters in the order of `Vehicle`
 
     def __len__(self) -> int:
         return len(self.goal)
 
-    def subset(self, rows: Tensor) -> Scene:
-        """Some of the scenes."""
-        return Scene(*(getattr(self, field.name)[rows] for field in fields(Scene)))
+    def each(self, change: Callable[[Array], Array]) -> Scene:
+        """The scenes with a function applied to each of the arrays."""
+        return Scene(*(change(getattr(self, field.name)) for field in fields(Scene)))
 
 
-def with_obstacles(scene: Scene, which: Tensor) -> Scene:
+def with_obstacles(scene: Scene, which: Array) -> Scene:
     """The scenes with some of their obstacles (B, J')."""
-    rows = torch.arange(len(scene))[:, None]
+    rows = array_namespace(which).arange(len(scene))[:, None]
     return Scene(scene.edges[rows, which], scene.mask[rows, which], scene.goal, scene.vehicle)
 
 
 def evaluated_by_length(
-    evaluate: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, ...]], of_scenes: Tensor, edges: Tensor, mask: Tensor
-) -> tuple[Tensor, ...]:
+    evaluate: Callable[[Array, Array, Array], tuple[Array, ...]], of_scenes: Array, edges: Array, mask: Array
+) -> tuple[Array, ...]:
     """What a function finds of obstacles, at a cost that is linear in the number of their edges.
 
     Most obstacles have few edges, and some outlines hundreds: padded to these, all would cost as much.
 
     Args:
-        evaluate: of something about every scene (B, ...), edges (B, J, E, 4) and mask (B, J, E): tensors (B, J, ...).
+        evaluate: of something about every scene (B, ...), edges (B, J, E, 4) and mask (B, J, E): arrays (B, J, ...).
         of_scenes: (B, ...).
         edges: (B, J, E, 4) [m].
         mask: (B, J, E).
     """
     found = evaluate(of_scenes, edges[:, :, :FEW_EDGES], mask[:, :, :FEW_EDGES])
-    scenes, obstacles = mask[:, :, FEW_EDGES:].any(dim=2).nonzero(as_tuple=True)  # with more
-    if not len(scenes):
+    xp = array_namespace(edges)
+    has_more = xp.any(mask[:, :, FEW_EDGES:], axis=2)
+    if not has_more.any():
         return found
-    apart = evaluate(of_scenes[scenes], edges[scenes, obstacles][:, None], mask[scenes, obstacles][:, None])
-    return tuple(of_all.index_put((scenes, obstacles), some[:, 0]) for of_all, some in zip(found, apart, strict=True))
+    apart = evaluate(of_scenes[xp.nonzero(has_more)[0]], edges[has_more][:, None], mask[has_more][:, None])
+    return tuple(put(of_all, has_more, some[:, 0]) for of_all, some in zip(found, apart, strict=True))
 
 
 def vectors_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -144,72 +144,69 @@ def vehicle_row(vehicle: Vehicle) -> list[float]:
 
 
 def scene_of(scenario: Scenario) -> Scene:
-    """One scenario as a batch of one scene, in the frame of its start."""
+    """One scenario as a batch of one scene, in the frame of its start, in numpy's single precision."""
     edges, mask = vectors_of(scenario)
-    local = into_frame(torch.as_tensor(edges[None]), torch.as_tensor(scenario.start[None]))
-    vehicle = torch.tensor([vehicle_row(scenario.vehicle)])
-    return Scene(local.float(), torch.as_tensor(mask[None]), goal_of(scenario), vehicle.float())
+    local = into_frame(edges[None], scenario.start[None])
+    vehicle = np.array([vehicle_row(scenario.vehicle)], np.float32)
+    return Scene(local.astype(np.float32), mask[None], goal_of(scenario), vehicle)
 
 
-def goal_of(scenario: Scenario) -> Tensor:
+def goal_of(scenario: Scenario) -> np.ndarray:
     """The goal of a scenario in the frame of its start: (1, 3) [m, m, rad]."""
     x, y, theta = scenario.start
     dx, dy = scenario.goal[:2] - (x, y)
     cos, sin = math.cos(theta), math.sin(theta)
     turn = math.remainder(scenario.goal[2] - theta, 2 * math.pi)
-    return torch.tensor([[cos * dx + sin * dy, cos * dy - sin * dx, turn]]).float()
+    return np.array([[cos * dx + sin * dy, cos * dy - sin * dx, turn]], np.float32)
 
 
-def into_frame(points: Tensor, frames: Tensor) -> Tensor:
+def into_frame(points: Array, frames: Array) -> Array:
     """Points (B, ..., 2n), pairs of x and y [m], seen from frames (B, 3) x, y, theta [m, m, rad]."""
-    shape = points.shape
-    pairs = points.reshape(shape[0], -1, 2) - frames[:, None, :2]
-    cos, sin = torch.cos(frames[:, None, 2]), torch.sin(frames[:, None, 2])
+    xp, shape = array_namespace(points), points.shape
+    pairs = points.reshape((shape[0], -1, 2)) - frames[:, None, :2]
+    cos, sin = xp.cos(frames[:, None, 2]), xp.sin(frames[:, None, 2])
     x = cos * pairs[..., 0] + sin * pairs[..., 1]
     y = cos * pairs[..., 1] - sin * pairs[..., 0]
-    return torch.stack([x, y], dim=-1).reshape(shape)
+    return xp.stack([x, y], axis=-1).reshape(shape)
 
 
-def states_into_frame(states: Tensor, frames: Tensor) -> Tensor:
+def states_into_frame(states: Array, frames: Array) -> Array:
     """States (B, T, 5) seen from frames (B, 3): positions turned and moved, headings counted from the frame's."""
-    moved = states.clone()
-    moved[..., : State.THETA] = into_frame(states[..., : State.THETA], frames)
-    moved[..., State.THETA] = states[..., State.THETA] - frames[:, None, 2]
-    return moved
+    positions, turn = into_frame(states[..., : State.THETA], frames), states[..., [State.THETA]] - frames[:, None, 2:]
+    return array_namespace(states).concat([positions, turn, states[..., State.V :]], axis=-1)
 
 
-def out_of_frame(states: Tensor, frames: Tensor) -> Tensor:
+def out_of_frame(states: Array, frames: Array) -> Array:
     """States (B, ..., T, 5) seen from frames (B, 3) as they are where the frames are given."""
-    shape = (-1, *[1] * (states.dim() - 2))
-    x0, y0, theta = (column.reshape(shape) for column in frames.unbind(dim=1))
-    moved = states.clone()
-    cos, sin = torch.cos(theta), torch.sin(theta)
-    moved[..., State.X] = x0 + cos * states[..., State.X] - sin * states[..., State.Y]
-    moved[..., State.Y] = y0 + sin * states[..., State.X] + cos * states[..., State.Y]
-    moved[..., State.THETA] += theta
-    return moved
+    xp = array_namespace(states)
+    x0, y0, theta = (frames[:, i].reshape((-1, *[1] * (states.ndim - 2))) for i in range(3))
+    cos, sin = xp.cos(theta), xp.sin(theta)
+    x = x0 + cos * states[..., State.X] - sin * states[..., State.Y]
+    y = y0 + sin * states[..., State.X] + cos * states[..., State.Y]
+    pose = xp.stack([x, y, states[..., State.THETA] + theta], axis=-1)
+    return xp.concat([pose, states[..., State.V :]], axis=-1)
 
 
 def turned_around(scene: Scene) -> Scene:
     """The tasks the other way, from the goal to the start, seen from the goal."""
-    start = into_frame(torch.zeros_like(scene.goal[:, None, :2]), scene.goal)[:, 0]
-    goal = torch.cat([start, -scene.goal[:, 2:]], dim=1)
+    xp = array_namespace(scene.goal)
+    start = into_frame(xp.zeros_like(scene.goal[:, :2]), scene.goal)
+    goal = xp.concat([start, -scene.goal[:, 2:]], axis=1)
     return Scene(into_frame(scene.edges, scene.goal), scene.mask, goal, scene.vehicle)
 
 
-def mirrored(scene: Scene, states: Tensor) -> tuple[Scene, Tensor]:
+def mirrored(scene: Scene, states: Array) -> tuple[Scene, Array]:
     """Scene and states (B, ..., T, 5) seen in a mirror along the start's heading: left is right."""
+    xp = array_namespace(states)
     # tail and head change places, so that rings go counter-clockwise again
-    flip = torch.tensor([1.0, -1.0, 1.0, -1.0])
-    edges = (scene.edges * flip)[..., [2, 3, 0, 1]]
-    goal = scene.goal * torch.tensor([1.0, -1.0, -1.0])
-    signs = torch.ones(5)
-    signs[[State.Y, State.THETA, State.PHI]] = -1.0
-    return Scene(edges, scene.mask, goal, scene.vehicle), states * signs
+    edges = (scene.edges * xp.asarray([1.0, -1.0, 1.0, -1.0], dtype=scene.edges.dtype))[..., [2, 3, 0, 1]]
+    goal = scene.goal * xp.asarray([1.0, -1.0, -1.0], dtype=scene.goal.dtype)
+    signs = [-1.0 if column in (State.Y, State.THETA, State.PHI) else 1.0 for column in State]
+    return Scene(edges, scene.mask, goal, scene.vehicle), states * xp.asarray(signs, dtype=states.dtype)
 
 
-def reversed_in_time(states: Tensor) -> Tensor:
+def reversed_in_time(states: Array) -> Array:
     """States (..., T, 5) driven backwards in time: from the goal to the start, with the opposite speed."""
-    backwards = states.flip(-2).clone()
-    backwards[..., State.V] *= -1.0
-    return backwards
+    xp = array_namespace(states)
+    signs = [-1.0 if column == State.V else 1.0 for column in State]
+    return xp.flip(states, axis=-2) * xp.asarray(signs, dtype=states.dtype)

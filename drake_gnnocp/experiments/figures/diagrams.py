@@ -23,7 +23,7 @@ def framework_figure(plans: Plans) -> Figure:
 
     Planning is above, training below; dashed is what is done where the usual way gives no verified plan.
     """
-    from drake_gnnocp.learning.network import NetworkConfig
+    from drake_gnnocp.learning.configs import NetworkConfig
 
     figure, ax = diagram(PAGE, SYSTEM_HEIGHT)
     points = NetworkConfig().points
@@ -92,7 +92,8 @@ def network_figure(plans: Plans) -> Figure:
 
 def draw_default_network(ax: Axes) -> Axes:
     """The network of the `default` configuration, from below to above."""
-    from drake_gnnocp.learning.network import DILATIONS, NEIGHBOURS, NetworkConfig
+    from drake_gnnocp.learning.configs import NetworkConfig
+    from drake_gnnocp.learning.network import DILATIONS, NEIGHBOURS
 
     c = NetworkConfig()
     draw_frame(ax, 0.02, 0.02, OURS, NETWORK_HEIGHT - 0.04, f"default network: {_weights('default')}")
@@ -125,7 +126,7 @@ def draw_default_network(ax: Axes) -> Axes:
 
 def draw_paper_network(ax: Axes, x: float) -> Axes:
     """The network of the `paper` configuration, from below to above, with its left side at x [inch]."""
-    from drake_gnnocp.learning.paper_network import PaperConfig
+    from drake_gnnocp.learning.configs import PaperConfig
     from drake_gnnocp.vehicle import State
 
     c = PaperConfig()
@@ -153,7 +154,8 @@ def draw_paper_network(ax: Axes, x: float) -> Axes:
 
 def _weights(name: str) -> str:
     """How many weights the network of a configuration has."""
-    from drake_gnnocp.learning.checkpoint import config_of, new_network
+    from drake_gnnocp.learning.configs import config_of
+    from drake_gnnocp.learning.trainable import new_network
 
     count = sum(weights.numel() for weights in new_network(config_of(name)).parameters())
     return f"{count / 1e6:.2f} million weights"

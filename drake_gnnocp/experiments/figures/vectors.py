@@ -106,7 +106,7 @@ def _vectors(scenario: Scenario) -> tuple[list[np.ndarray], np.ndarray]:
     from drake_gnnocp.learning.scene import scene_of
 
     scene = scene_of(scenario)
-    edges, mask, goal = scene.edges[0].numpy(), scene.mask[0].numpy(), scene.goal[0].numpy()
+    edges, mask, goal = scene.edges[0], scene.mask[0], scene.goal[0]
     x, y, theta = goal
     end = [x, y, x + HEADING * np.cos(theta), y + HEADING * np.sin(theta)]
     return [group[here] for group, here in zip(edges, mask, strict=True)], np.array([[0.0, 0.0, HEADING, 0.0], end])

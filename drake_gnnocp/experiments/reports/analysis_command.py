@@ -39,7 +39,9 @@ def _parser() -> OneLineParser:
     add("--tasks", type=positive, default=50, metavar="N", help="unseen test tasks (default: %(default)s)")
     add_budget(parser, 20.0, "budget of one plan")
     training = Path("artifacts") / "training"
-    networks = "folder of the trainings, for points and share: DIR/points_60/best.pt, ... (default: %(default)s)"
+    networks = (
+        "folder of the trainings, for points and share: DIR/points_60/best.safetensors ... (default: %(default)s)"
+    )
     add("--training", type=Path, default=training, metavar="DIR", help=networks)
     add("--weights", type=Path, metavar="FILE", help="weights for all others (default: the package's)")
     add_out(parser, "paper", "analysis")

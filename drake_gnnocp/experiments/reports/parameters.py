@@ -71,7 +71,7 @@ def _networks(folders: dict[float, str], training: Path) -> tuple[Point, ...]:
     """Networks as they were trained, by the value in which they differ."""
     points = []
     for value, folder in folders.items():
-        file = training / folder / "best.pt"
+        file = training / folder / "best.safetensors"
         points.append(Point(value, GNN, network_method(folder, file, False)))
         points.append(Point(value, GNN_DIRECT, network_method(f"{folder} direct", file, True)))
     return tuple(points)

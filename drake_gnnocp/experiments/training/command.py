@@ -18,9 +18,7 @@ from drake_gnnocp.experiments.training.quality import validation_tasks
 from drake_gnnocp.experiments.training.ranking_fit import fit_ranking
 from drake_gnnocp.experiments.training.training import DEFAULT_TRAINING, PAPER_TRAINING, TrainingOptions
 from drake_gnnocp.files import first_line
-from drake_gnnocp.learning.checkpoint import CONFIGS, config_of
-from drake_gnnocp.learning.network import NetworkConfig
-from drake_gnnocp.learning.paper_network import PaperConfig
+from drake_gnnocp.learning.configs import CONFIGS, NetworkConfig, PaperConfig, config_of
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -32,9 +30,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
         prog="python -m drake_gnnocp.train",
         description="Train a network on the dataset. A training that was stopped goes on where it was. Writes last.pt "
-        "(to go on), best.pt (the weights that planned best on validation maps), curves.csv and curves.png.",
+        "(to go on), best.safetensors (the weights that planned best on validation maps), curves.csv and curves.png.",
         epilog="Exit code: 0 done; 2 bad input. To use other weights than the package's: "
-        "plan(..., options=PlanOptions(weights=Path('best.pt'))).",
+        "plan(..., options=PlanOptions(weights=Path('best.safetensors'))).",
     )
     add = parser.add_argument
     add("--config", choices=CONFIGS, default="default", help="which network (default: %(default)s)")

@@ -13,9 +13,9 @@ from drake_gnnocp.experiments.training.quality import planning_quality, validati
 from drake_gnnocp.experiments.training.samples import Samples
 from drake_gnnocp.experiments.training.training import Progress, TrainingOptions, train
 from drake_gnnocp.files import first_line
-from drake_gnnocp.learning.checkpoint import Network, load_weights, new_network, save_weights
-from drake_gnnocp.learning.network import NetworkConfig
-from drake_gnnocp.learning.paper_network import PaperConfig
+from drake_gnnocp.learning.checkpoint import load_weights, save_weights
+from drake_gnnocp.learning.configs import NetworkConfig, PaperConfig
+from drake_gnnocp.learning.trainable import Network, new_network, trainable, trained
 from drake_gnnocp.pictures import style
 
 
@@ -33,7 +33,7 @@ class Job:
 
 
 def run(job: Job, folder: Path) -> Progress:
-    """Train, or go on where `folder` says the training was left; keep the weights that planned best as `best.pt`.
+    """Train, or go on where `folder` says the training was left; the weights that planned best are best.safetensors.
 
     Raises:
         ValueError: the dataset, the start or what the folder holds does not fit the job, or no network has its sizes.
@@ -53,12 +53,12 @@ def run(job: Job, folder: Path) -> Progress:
         due = progress.epoch % job.check_every == 0 or progress.epoch == job.options.epochs
         if not due or not tasks:
             return {}
-        quality = planning_quality(network, tasks)
+        quality = planning_quality(trained(network), tasks)
         best = min((row["plan_badness"] for row in progress.rows if "plan_badness" in row), default=float("inf"))
         if quality["plan_badness"] < best:
             start = job.start.name if job.start else "random weights"
             about = {"epoch": progress.epoch, "maps": len(learned), "seed": job.options.seed, "from": start}
-            save_weights(folder / "best.pt", network, about | quality)
+            save_weights(folder / "best.safetensors", trained(network), about | quality)
         return quality
 
     origin = {
@@ -90,6 +90,7 @@ def beginning(job: Job) -> Network:
         before, _ = load_weights(job.start)
         if not _goes_on(before.config, job.config):
             raise ValueError(f"--from: {job.start}: weights of a network of other sizes: {before.config}")
-        network.load_state_dict(before.state_dict(), strict=False)  # further refinements correct nothing at first
+        # further refinements correct nothing at first
+        network.load_state_dict(trainable(before).state_dict(), strict=False)
         network.ranking = before.ranking
     return network

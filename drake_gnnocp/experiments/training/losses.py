@@ -20,10 +20,10 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy, smooth_l1_loss
 
 from drake_gnnocp.experiments.training.samples import Batch
-from drake_gnnocp.learning.checkpoint import Network
 from drake_gnnocp.learning.features import LENGTH, defects
-from drake_gnnocp.learning.network import TrajectoryNetwork
+from drake_gnnocp.learning.modules import TrajectoryNetwork
 from drake_gnnocp.learning.paper_network import PaperNetwork
+from drake_gnnocp.learning.trainable import Network
 
 LossParts = dict[str, Tensor]  # "loss" is what is minimised, the rest are for the curves
 

@@ -10,7 +10,7 @@ from itertools import islice
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.dataset.records import MapRecord
 from drake_gnnocp.guesses import Guess, NoGuess
-from drake_gnnocp.learning.checkpoint import Network
+from drake_gnnocp.learning.checkpoint import Trained
 from drake_gnnocp.learning.predict import guesses
 from drake_gnnocp.planner import Attempt, FromGuess, PlanOptions
 from drake_gnnocp.planner.attempt import attempt
@@ -33,7 +33,7 @@ def validation_tasks(records: Iterable[MapRecord], n: int) -> list[Scenario]:
     return [tasks[i] for i in range(longest) for tasks in solved if i < len(tasks)][:n]
 
 
-def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float]:
+def planning_quality(network: Trained, tasks: list[Scenario]) -> dict[str, float]:
     """Plan tasks as the planner does, without its fallback.
 
     Returns:
@@ -41,7 +41,6 @@ def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float
         median of the first solve; plan_badness: mean of these, the SQP steps before them and those of hypotheses
         passed over, FAILURE at most, and where the plan is not verified.
     """
-    network.eval()
     plans = [(rank, plan) for rank, plan in (_planned(network, task) for task in tasks) if plan is not None]
     verified = [(rank, plan) for rank, plan in plans if plan.verified]
     work = [min(FAILURE, plan.first_iterations + plan.sqp_steps + PASSED_OVER * rank) for rank, plan in verified]
@@ -53,7 +52,7 @@ def planning_quality(network: Network, tasks: list[Scenario]) -> dict[str, float
     }
 
 
-def _planned(network: Network, task: Scenario) -> tuple[int, Attempt | None]:
+def _planned(network: Trained, task: Scenario) -> tuple[int, Attempt | None]:
     """Rank of the hypothesis whose SQP steps converged first, and the attempt that it led to."""
     local, options, budget = task.as_planned, PlanOptions(), Budget.of(MAX_SECONDS)
     source = _Hypotheses(list(islice(guesses(network, local, options.knots), options.hypotheses)))
@@ -67,7 +66,7 @@ def _planned(network: Network, task: Scenario) -> tuple[int, Attempt | None]:
 
 @dataclass(frozen=True)
 class _Hypotheses:
-    """Those of a network that may still be learning."""
+    """Those of a network that is still learning."""
 
     ranked: list[Trajectory]
     name: str = "gnn"

@@ -8,7 +8,7 @@ and the intercept b maximise the log-likelihood of a logistic regression,
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from drake_gnnocp.budget import Budget
 from drake_gnnocp.experiments.text import markdown_table
-from drake_gnnocp.learning.checkpoint import Network, load_weights, save_weights
+from drake_gnnocp.learning.checkpoint import Trained, load_weights, save_weights
 from drake_gnnocp.learning.predict import hypotheses, interpolated
 from drake_gnnocp.learning.ranking import Ranking
 from drake_gnnocp.ocp.formulation import formulate
@@ -49,10 +49,9 @@ def fit_ranking(path: Path, tasks: list[Scenario]) -> str:
     if not tasks:
         raise ValueError(f"{path}: no validation task with a known solution to fit the ranking to")
     network, about = load_weights(path)
-    seen, before = observations(network, tasks), network.ranking
-    network.ranking = fitted_ranking(seen)
-    save_weights(path, network, about)
-    rankings = (before, network.ranking)
+    seen = observations(network, tasks)
+    rankings = before, after = network.ranking, fitted_ranking(seen)
+    save_weights(path, replace(network, ranking=after), about)
     rows = [
         [name.replace("_", " "), *(_number(getattr(ranking, name)) for ranking in rankings)] for name in asdict(before)
     ]
@@ -66,7 +65,7 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
 
 
-def observations(network: Network, tasks: list[Scenario]) -> Observations:
+def observations(network: Trained, tasks: list[Scenario]) -> Observations:
     """All hypotheses of a network for tasks anywhere, and whether the SQP steps from them converge."""
     features: list[list[float]] = []
     converged: list[bool] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import math
 from collections.abc import Callable
@@ -16,8 +17,8 @@ from tqdm import tqdm
 from drake_gnnocp.experiments.training.curves import write_curves
 from drake_gnnocp.experiments.training.losses import LossWeights, loss_of
 from drake_gnnocp.experiments.training.samples import Samples
-from drake_gnnocp.files import first_line
-from drake_gnnocp.learning.checkpoint import Network, save_atomically
+from drake_gnnocp.files import first_line, write_atomically
+from drake_gnnocp.learning.trainable import Network
 
 logger = logging.getLogger(__name__)
 
@@ -156,7 +157,9 @@ def _save(
         "weights": network.state_dict(),
         "optimiser": optimiser.state_dict(),
     }
-    save_atomically(path, content)
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_atomically(path, buffer.getvalue())
 
 
 def _resumed(path: Path, network: Network, optimiser: torch.optim.Optimizer, settings: dict[str, Any]) -> Progress:
