@@ -123,6 +123,8 @@ def _options(hessian: float, max_seconds: float, settings: IpoptSettings, log: P
         "limited_memory_initialization": "constant",
         "limited_memory_init_val": hessian,
         "limited_memory_max_history": settings.history,
+        # multipliers to begin with would take a factorisation, and from zero it takes the same iterations
+        "constr_mult_init_max": 0.0,
         # the default ordering and scaling made the linear algebra 3.5 times slower: the scaling forces a new
         # analysis of the matrix in every iteration
         "spral_order": "metis",
