@@ -13,7 +13,7 @@ from drake_gnnocp.guesses import (
     Straight,
 )
 from drake_gnnocp.ocp.costs import CostWeights
-from drake_gnnocp.planner import Attempt, Fixed, FromGuess, MinimumTime, Plan, PlanOptions, plan
+from drake_gnnocp.planner import Attempt, Fixed, FromGuess, MinimumTime, Plan, PlanOptions, plan, plan_many
 from drake_gnnocp.scenario import Area, Scenario, ScenarioError, bundled_scenarios
 from drake_gnnocp.search.stages import HybridAStarOptions
 from drake_gnnocp.timing.at_rate import at_rate
@@ -51,5 +51,6 @@ __all__ = [
     "at_rate",
     "bundled_scenarios",
     "plan",
+    "plan_many",
     "verify",
 ]
