@@ -55,7 +55,7 @@ DRAKE_SUCCESS = ("Success", "Stop at acceptable point")
 STOP_NOTE = f"""\
 Stopped by progress: cost
   within {USUAL.objective_change:.1%} and constraints within {USUAL.feasibility:g} m for {USUAL.settled_iterations}
-  iterations; where the SQP steps have converged, cost within {FINISH.objective_change:.1%} in one iteration."""
+  iterations; where the SQP steps have converged, cost within {FINISH.objective_change:.2%} in one iteration."""
 WARM_UP_SECONDS = 5.0  # s, most for one method
 
 
