@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import Binding, Constraint, LinearConstraint, LinearEqualityConstraint, MathematicalProgram
+from scipy.sparse import csr_matrix
 
 from drake_gnnocp.ocp.boxes import NEAR_LIMIT, end_place, ends, limits, motion_limits, trust_region
 from drake_gnnocp.ocp.costs import CostTerm, cost_terms
@@ -113,14 +114,17 @@ def _add_box(nlp: Nlp, box: Box) -> None:
 
 def _add_trapezoid_rule(nlp: Nlp) -> None:
     """v_{k+1} - v_k = h (a_k + a_{k+1}) / 2 and phi likewise: the defects that are linear for a fixed h."""
-    half = nlp.fixed_step / 2 / nlp.knot_scale[0]
-    # one evaluator for all rows: making one takes pydrake a search for scipy
-    row = LinearEqualityConstraint(np.array([[-1.0, 1.0, -half, -half]]), np.zeros(1))
-    row.set_description("trapezoid rule")
+    half, last = nlp.fixed_step / 2 / nlp.knot_scale[0], len(nlp.knots) - 1
+    # one sparse constraint for all knots: Drake takes as long for one of a single row
+    values, columns = (
+        np.tile([-1.0, 1.0, -half, -half], (last, 1)),
+        np.arange(last)[:, None] + [0, 1, last + 1, last + 2],
+    )
+    matrix = csr_matrix((values.ravel(), columns.ravel(), 4 * np.arange(last + 1)), (last, 2 * (last + 1))).tocsc()
+    rows = LinearEqualityConstraint(matrix, np.zeros(last))
+    rows.set_description("trapezoid rule")
     for state, rate in INTEGRATED:
-        x, u = nlp.knots[:, state], nlp.knots[:, rate]
-        for k in range(len(nlp.knots) - 1):
-            nlp.program.AddConstraint(row, np.array([x[k], x[k + 1], u[k], u[k + 1]]))
+        nlp.program.AddConstraint(rows, np.concatenate([nlp.knots[:, state], nlp.knots[:, rate]]))
 
 
 def _add_limits_in_between(nlp: Nlp, formulation: Formulation) -> None:

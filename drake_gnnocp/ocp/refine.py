@@ -176,7 +176,8 @@ def _widened(scenario: Scenario, formulation: Formulation, solve: Solve, budget:
     It is where it is verified, has more clearance where that was short, and costs little more. None where the plan has
     the clearance, SQP steps lead to none that has more, or there is no time.
     """
-    if formulation.comfort <= scenario.clearance:
+    clearance = solve.verification.min_clearance_m / scenario.unit
+    if formulation.comfort <= scenario.clearance or clearance >= formulation.comfort:
         return None
     comfortable = replace(formulation, demand=demand_of(scenario, formulation.comfort))
     around, close = close_around(scenario, comfortable, solve.trajectory)
