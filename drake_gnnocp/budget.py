@@ -55,6 +55,11 @@ class Budget:
         self.ended = self.ended or self.left == 0.0
         return self.ended
 
+    def lasts(self, seconds: float) -> bool:
+        """Whether there is time for what takes so long [s]; to be asked as `is_over` is."""
+        self.ended = self.ended or self.left < seconds
+        return not self.ended
+
     def ended_before(self, what: str) -> str:
         """The reason why something was not done, in words."""
         return f"the budget of {self.seconds:g} s ended before {what}"

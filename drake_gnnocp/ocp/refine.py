@@ -124,11 +124,13 @@ def refine(
     solves: list[Solve] = []
     best = 0
     while True:
+        begin = budget.spent
         solve = solve_once(scenario, formulation, settings, budget)
+        seconds = budget.spent - begin
         solves.append(solve)
         best = min(best, len(solves) - 1, key=lambda i: solves[i].merit)
         if solve.verification.verified:
-            widened = _widened(scenario, formulation, solve, budget)
+            widened = _widened(scenario, formulation, solve, budget, seconds)
             if widened is not None:
                 wider, is_taken = widened
                 solves.append(wider)
@@ -170,19 +172,23 @@ def solve_once(scenario: Scenario, formulation: Formulation, settings: IpoptSett
     )
 
 
-def _widened(scenario: Scenario, formulation: Formulation, solve: Solve, budget: Budget) -> tuple[Solve, bool] | None:
+def _widened(
+    scenario: Scenario, formulation: Formulation, solve: Solve, budget: Budget, seconds: float
+) -> tuple[Solve, bool] | None:
     """A solve for a comfortable clearance, around a verified plan, and whether that is to be taken.
 
     It is where it is verified, has more clearance where that was short, and costs little more. None where the plan has
-    the clearance, SQP steps lead to none that has more, or there is no time.
+    the clearance, SQP steps lead to none that has more, or there is no time for a solve like that before, in seconds.
     """
     clearance = solve.verification.min_clearance_m / scenario.unit
     if formulation.comfort <= scenario.clearance or clearance >= formulation.comfort:
         return None
+    if not budget.lasts(seconds):
+        return None
     comfortable = replace(formulation, demand=demand_of(scenario, formulation.comfort))
     around, close = close_around(scenario, comfortable, solve.trajectory)
     missed = shortfall(around, close)
-    if not missed or budget.is_over:
+    if not missed:
         return None
     wanted = answer(scenario, comfortable, solve.trajectory)
     asked = with_more_clearance(scenario, formulation, wanted, close, budget)
