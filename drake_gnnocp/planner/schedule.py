@@ -128,8 +128,7 @@ class Schedule:
             self._try(guess)
             gave_up = isinstance(guess, NoGuess) and guess.no_path is None
             if gave_up and isinstance(source, HybridAStar) and source.goes_to_the_end and self._may_go_on:
-                straight = Straight(self.options.knots)  # seldom enough, but an attempt to look at
-                self._try(self._first(straight))
+                self._try_hypotheses(Straight(self.options.knots), only_best=True)  # seldom enough
             return
         # a search finds no shorter path for the next attempt than the one before
         closely = tight_paths.is_tight(self.scenario, guess)
