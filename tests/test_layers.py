@@ -31,7 +31,7 @@ ASIDE = {  # imports within a floor, beside CORE's
     *{("verify_command", "pictures"), ("verify_command", "arguments")},
 }
 FACES = {"__init__", "plan", "verify"}  # the public face and the commands see all
-COMMANDS = {"dataset", "train", "benchmark", "ocp_benchmark", "figures", "tables", "analysis", "notebooks"}
+COMMANDS = {"dataset", "train", "benchmark", "ocp_benchmark", "stages", "figures", "tables", "analysis", "notebooks"}
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 
 

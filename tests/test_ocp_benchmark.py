@@ -1,6 +1,7 @@
 """The benchmark's tasks are reproducible, and its peers solve our problem."""
 
 import math
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -8,7 +9,14 @@ import pytest
 import shapely
 
 from drake_gnnocp import Scenario, Trajectory
-from drake_gnnocp.experiments.benchmark.casadi_peer import PairRows, nonlinear_program, pair_rows, solve_with_casadi
+from drake_gnnocp.experiments.benchmark.casadi_peer import (
+    PairRows,
+    PeerSolution,
+    nonlinear_program,
+    pair_rows,
+    solve_with_casadi,
+)
+from drake_gnnocp.experiments.benchmark.casadi_stages import next_knot, solve_with_fatrop
 from drake_gnnocp.experiments.tasks.open_maps import MapOptions, TaskOptions, random_obstacles, random_task
 from drake_gnnocp.ocp.costs import CostWeights, cost_terms, total_cost
 from drake_gnnocp.ocp.dynamics import defects
@@ -157,13 +165,30 @@ def test_the_peer_keeps_the_turns_of_the_guess_and_fixes_both_ends(problem: Form
     assert np.isinf(high[1:-1, :3]).all() and (high[1:-1, 3:] == limits).all() and (low[1:-1] == -high[1:-1]).all()
 
 
-@pytest.mark.parametrize("expand", [False, True])
-def test_the_peer_solves_a_task_to_a_verified_plan(expand: bool) -> None:
+def with_ipopt(problem: Formulation) -> PeerSolution:
+    return solve_with_casadi(problem, False, 20.0)
+
+
+def expanded(problem: Formulation) -> PeerSolution:
+    return solve_with_casadi(problem, True, 20.0)
+
+
+@pytest.mark.parametrize("solve", [with_ipopt, expanded, solve_with_fatrop])
+def test_the_peer_solves_a_task_to_a_verified_plan(solve: Callable[[Formulation], PeerSolution]) -> None:
     scenario = Scenario("lane", np.zeros(3), np.array([12.0, 1.0, 0.0]), (np.array([[4.0, -5], [8, -5], [6, -1.2]]),))
     t = np.linspace(0.0, 12.0, 25)
     states = np.zeros((25, 5))
     states[:, 0] = t
     problem = formulate(scenario, Trajectory(t, states, np.zeros((25, 2))), CostWeights(), MARGIN)
-    solution = solve_with_casadi(problem, expand, 20.0)
+    solution = solve(problem)
     assert solution.success and solution.iterations > 0
     assert verify(scenario, solution.trajectory).verified
+
+
+def test_the_next_knot_of_a_stage_has_no_defects() -> None:
+    rng = np.random.default_rng(0)
+    knots, vehicle = rng.uniform(-0.5, 0.5, (6, 7)), Scenario("field", np.zeros(3), np.array([9.0, 0.0, 0.0])).vehicle
+    step = next_knot(vehicle.wheelbase, 0.3)
+    for k in range(5):
+        knots[k + 1] = np.array(step(knots[k], knots[k + 1, 5:])).ravel()
+    np.testing.assert_allclose(defects(knots, 0.3, vehicle)[0], 0.0, atol=EXACT)

@@ -232,3 +232,12 @@ def test_every_bundled_scenario_is_verified(name: str, guess: str) -> None:
 def test_all_tpcap_cases_are_verified(guess: str) -> None:
     results = {path.name: plan(Scenario.load(path), guess) for path in sorted(TPCAP.glob("*.csv"))}
     assert [name for name, result in results.items() if not result.verified] == []
+
+
+def test_without_comfort_a_verified_plan_is_left_as_it_is() -> None:
+    comfortable = plan("parallel_out")
+    quick = plan("parallel_out", options=PlanOptions(comfort=0.0))
+    assert comfortable.verification is not None and quick.verification is not None
+    assert comfortable.verified and quick.verified
+    assert len(quick.attempt.solves) == 1 < len(comfortable.attempt.solves)
+    assert quick.verification.min_clearance_m < 0.1 <= comfortable.verification.min_clearance_m

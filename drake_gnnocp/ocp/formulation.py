@@ -102,7 +102,12 @@ class Formulation:
 
 
 def formulate(
-    scenario: Scenario, reference: Trajectory, weights: CostWeights, margin: float, minimum_time: bool = False
+    scenario: Scenario,
+    reference: Trajectory,
+    weights: CostWeights,
+    margin: float,
+    minimum_time: bool = False,
+    comfort: float = COMFORT,
 ) -> Formulation:
     """The problem of a scenario around a reference, with margins no larger than what start and goal allow.
 
@@ -112,7 +117,8 @@ def formulate(
         weights: of the cost.
         margin: clearance asked of obstacles at the knots [m].
         minimum_time: whether the duration is minimised; knots slide far along the path then, so that no trust region
-            can be set around the reference.
+            can be set around the reference, and clearance is no matter of comfort.
+        comfort: clearance that a verified plan gets where that costs little [m].
     """
     target = None if scenario.exact is scenario else scenario.targets[0]
     walls = bounding_walls(scenario.bounds if isinstance(scenario.bounds, tuple) else None)
@@ -136,7 +142,7 @@ def formulate(
         line_clearances=np.append(np.full(n, min(LINE_CLEARANCE, allowed)), of_walls),
         demand=demand_of(scenario, scenario.clearance),
         trust_region=None if minimum_time else TRUST_REGION,
-        comfort=0.0 if minimum_time else COMFORT,
+        comfort=0.0 if minimum_time else comfort,
         minimum_time=minimum_time,
         target=target,
     )

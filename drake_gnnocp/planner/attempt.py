@@ -165,7 +165,7 @@ def attempt(
     # SQP steps are for a duration: that comes first, and a quicker one after it
     free = minimise and steps is None and not closely
     exact = scenario.exact  # a tolerance at the goal comes in once there is a plan, or there is none
-    formulation = formulate(exact, start, options.cost, options.margin, minimum_time=free)
+    formulation = formulate(exact, start, options.cost, options.margin, free, options.comfort)
     if closely:
         formulation, steps = tight_paths.kept_near(exact, formulation), None
     elif steps is None and options.sqp and not free:
@@ -173,13 +173,14 @@ def attempt(
     settings = BRIEF if guess.path is not None and not closely and not minimise else USUAL
     refined = refine(exact, formulation, budget, steps, settings)
     if exact is not scenario and not refined.verified and not budget.is_over:
-        again = refine(scenario, formulate(scenario, start, options.cost, options.margin, minimum_time=free), budget)
+        around = formulate(scenario, start, options.cost, options.margin, free, options.comfort)
+        again = refine(scenario, around, budget)
         refined = refined.followed_by(again, again.verified or refined.best is None)
     if minimise:
         for task in (exact, scenario) if exact is not scenario else (scenario,):
             refined = minimum_time.quicker(task, refined, options.cost, options.margin, budget)
     elif exact is not scenario:
-        refined = relaxed(scenario, refined, options.cost, options.margin, budget)
+        refined = relaxed(scenario, refined, options, budget)
     made = Attempt(guess.source, seconds, start, guess.probability, reason=_reason(guess, refined))
     if steps is not None and refined.solves:
         made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)

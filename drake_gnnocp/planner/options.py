@@ -10,6 +10,7 @@ from pathlib import Path
 
 from drake_gnnocp.guesses import GuessSource, GuessUnavailable, HybridAStar, Learned, RrtStar, Straight
 from drake_gnnocp.ocp.costs import PAPER, CostWeights
+from drake_gnnocp.ocp.formulation import COMFORT
 from drake_gnnocp.search.stages import HybridAStarOptions
 
 
@@ -23,6 +24,9 @@ class PlanOptions:
 
     knots: int = 120  # of a plan, at least 4; more where a path changes gear so often that they would be too far apart
     margin: float = 0.12  # m, clearance asked of obstacles at the knots, where the guess has it
+    comfort: float = (
+        COMFORT  # m, clearance that a verified plan gets where that costs little, by a second solve; 0: none
+    )
     cost: CostWeights = field(default_factory=CostWeights)  # or "paper"
     slack: float = 1.1  # at least 1: duration given to the optimiser over that of a searched path
     weights: Path | None = None  # file of the network's weights; None: those that come with the package
@@ -50,7 +54,7 @@ class PlanOptions:
 
 
 LEAST_COUNTS = {"knots": 4, "hypotheses": 1, "seed": 0, "most_attempts": 1}
-RANGES = {"margin": (0.0, 100.0), "slack": (1.0, 100.0)}
+RANGES = {"margin": (0.0, 100.0), "comfort": (0.0, 100.0), "slack": (1.0, 100.0)}
 AUTO = "auto"
 SOURCES: dict[str, Callable[[PlanOptions], GuessSource]] = {
     "gnn": lambda options: Learned(options.knots, options.weights, options.hypotheses),

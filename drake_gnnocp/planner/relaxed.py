@@ -12,6 +12,7 @@ from drake_gnnocp.ocp.costs import CostWeights, evaluate_cost
 from drake_gnnocp.ocp.formulation import formulate
 from drake_gnnocp.ocp.refine import Refined, refine
 from drake_gnnocp.ocp.sqp import SEARCHED, sqp_steps
+from drake_gnnocp.planner.options import PlanOptions
 from drake_gnnocp.scenario import Scenario
 from drake_gnnocp.trajectory import Trajectory
 
@@ -19,23 +20,22 @@ CHEAPER = 0.99  # of the cost: a plan that saves less is where it is solved out
 MOST_RELAXED = 4  # solves that follow a verified plan
 
 
-def relaxed(scenario: Scenario, plan: Refined, weights: CostWeights, margin: float, budget: Budget) -> Refined:
+def relaxed(scenario: Scenario, plan: Refined, options: PlanOptions, budget: Budget) -> Refined:
     """Solve a verified plan again with its end as a variable, as long as that makes it cheaper.
 
     Args:
         scenario: the task with one goal that leaves a choice, near the origin.
         plan: verified or not; one that is not is left as it is.
-        weights: of the cost.
-        margin: clearance asked of obstacles at the knots [m].
+        options: see `PlanOptions`.
         budget: to stop at.
     """
     for _ in range(MOST_RELAXED):
         trajectory = plan.trajectory
         if trajectory is None or not plan.verified or budget.is_over:
             break
-        formulation = formulate(scenario, trajectory, weights, margin)
+        formulation = formulate(scenario, trajectory, options.cost, options.margin, comfort=options.comfort)
         again = refine(scenario, formulation, budget, sqp_steps(formulation, SEARCHED, budget))
-        before, after = (_cost(scenario, found, weights) for found in (trajectory, again.trajectory))
+        before, after = (_cost(scenario, found, options.cost) for found in (trajectory, again.trajectory))
         is_taken = again.verified and after < before
         plan = plan.followed_by(again, is_taken)
         if not is_taken or after > CHEAPER * before:

@@ -120,8 +120,7 @@ def nonlinear_program(problem: Formulation) -> Nlp:
     defects = _defects(vehicle.wheelbase, problem.step).map(n - 1)(knots[:, :-1], knots[:, 1:])
     constraints = [(ca.vec(defects), 0.0, 0.0)]
     for rows in pair_rows(problem):
-        least = (_area(rows.ring) + rows.margin * rows.length) / rows.divisor
-        constraints.append((_areas(knots, rows), least, math.inf))
+        constraints.append((area_rows(knots, rows), least_areas(rows), math.inf))
     lower = np.concatenate([np.broadcast_to(low, g.numel()) for g, low, _ in constraints])
     upper = np.concatenate([np.broadcast_to(high, g.numel()) for g, _, high in constraints])
     x_high = np.full((n, N_KNOT), math.inf)
@@ -130,7 +129,7 @@ def nonlinear_program(problem: Formulation) -> Nlp:
     for k, state in ((0, problem.start), (-1, problem.goal)):
         x_low[k] = x_high[k] = np.append(state, [0.0, 0.0])
     g = ca.vertcat(*(g for g, _, _ in constraints))
-    return Nlp(ca.vec(knots), _cost(knots, problem), g, x_low.ravel(), x_high.ravel(), lower, upper)
+    return Nlp(ca.vec(knots), cost_of(knots, problem), g, x_low.ravel(), x_high.ravel(), lower, upper)
 
 
 # ---------------------------------------------------------------------------------------------------- rows in numbers
@@ -169,6 +168,11 @@ def _nearest(ring: np.ndarray, seen: np.ndarray, within: float) -> tuple[np.ndar
     return k, which, length[k, which]
 
 
+def least_areas(rows: PairRows) -> np.ndarray:
+    """What `area_rows` must not be below: (R,)."""
+    return (_area(rows.ring) + rows.margin * rows.length) / rows.divisor
+
+
 def _area(ring: np.ndarray) -> float:
     return float(shapely.Polygon(ring).area)
 
@@ -190,7 +194,7 @@ def _defects(wheelbase: float, h: float) -> ca.Function:
     return ca.Function("defects", [left, right], [x1 - x0 - h / 6 * (f0 + 4 * fm + f1)])
 
 
-def _areas(knots: ca.MX, rows: PairRows) -> ca.MX:
+def area_rows(knots: ca.MX, rows: PairRows) -> ca.MX:
     """sum_i S(P, A_i, A_{i+1}) / length of every row."""
     pose, point, scale = ca.SX.sym("pose", 3), ca.SX.sym("point", 2), ca.SX.sym("scale")
     cos, sin = ca.cos(pose[2]), ca.sin(pose[2])
@@ -207,7 +211,7 @@ def _areas(knots: ca.MX, rows: PairRows) -> ca.MX:
     return one_row.map(len(rows.knot))(knots[:3, rows.knot.tolist()], rows.point.T, (1 / rows.divisor)[None]).T
 
 
-def _cost(knots: ca.MX, problem: Formulation) -> ca.MX:
+def cost_of(knots: ca.MX, problem: Formulation) -> ca.MX:
     """lambda1 J1 + lambda2 J2, summed over the knots times h."""
     knot, near = ca.SX.sym("knot", N_KNOT), problem.proximity
     cost = problem.weights.lambda1 * ca.sumsqr(knot[N_STATES:])

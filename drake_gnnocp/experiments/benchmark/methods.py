@@ -49,8 +49,14 @@ PLANNERS = (GNN, HYBRID_ASTAR, RRT_STAR, AUTO, GNN_PAPER, GNN_DIRECT, HYBRID_AST
 DIRECT = {GNN_DIRECT: GNN, HYBRID_ASTAR_DIRECT: HYBRID_ASTAR}
 KINDS = {GNN_PAPER: GNN, **DIRECT}  # of the guess that the planner is asked for, where the method's name is another
 
-DRAKE, CASADI_MX, CASADI_SX, CASADI_PLAIN = SOLVERS = ("drake", "casadi_mx", "casadi_sx", "casadi_plain")
-CASADI = (CASADI_MX, CASADI_SX)  # the peer is the faster of the two, task by task
+DRAKE, CASADI_MX, CASADI_SX, CASADI_FATROP, CASADI_PLAIN = SOLVERS = (
+    "drake",
+    "casadi_mx",
+    "casadi_sx",
+    "casadi_fatrop",
+    "casadi_plain",
+)
+CASADI = (CASADI_MX, CASADI_SX, CASADI_FATROP)  # the peer is the fastest of them, task by task
 DRAKE_SUCCESS = ("Success", "Stop at acceptable point")
 STOP_NOTE = f"""\
 Stopped by progress: cost
@@ -61,7 +67,7 @@ WARM_UP_SECONDS = 5.0  # s, most for one method
 
 # ------------------------------------------------------------------------------------------------------------ planning
 
-PAPER_PLAN = PlanOptions(cost=CostWeights.paper(), margin=0.1)  # what the tables compare
+PAPER_PLAN = PlanOptions(cost=CostWeights.paper(), margin=0.1, comfort=0.0)  # what the tables compare
 
 
 @dataclass(frozen=True)
@@ -246,10 +252,14 @@ def _with_drake(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: fl
 
 def _with_peer(run: Run, scenario: Scenario, guess: Trajectory, max_seconds: float) -> tuple[Run, Trajectory]:
     from drake_gnnocp.experiments.benchmark.casadi_peer import solve_with_casadi  # optional
+    from drake_gnnocp.experiments.benchmark.casadi_stages import solve_with_fatrop
 
     begin = time.perf_counter()
     problem = formulate(scenario, guess, PAPER_PLAN.cost, PAPER_PLAN.margin)
-    solution = solve_with_casadi(problem, run.method == CASADI_SX, max_seconds, run.method != CASADI_PLAIN)
+    if run.method == CASADI_FATROP:
+        solution = solve_with_fatrop(problem)
+    else:
+        solution = solve_with_casadi(problem, run.method == CASADI_SX, max_seconds, run.method != CASADI_PLAIN)
     total = time.perf_counter() - begin
     made = replace(
         run,

@@ -24,7 +24,7 @@ from drake_gnnocp.scenario import bundled_scenarios
 
 DEFAULTS, USUAL = Settings(), [DRAKE, *CASADI]
 PACKAGES = ("drake", "casadi", "numpy")  # whose versions are named
-PEER = "casadi (faster of mx, sx)"
+PEER = "casadi (fastest of mx, sx, fatrop)"
 NOTES = f"""\
 One thread; the methods of a task run one after the other, from the same guess and under the same limit. Seconds and
 iterations are median / 95th percentile over all attempted tasks, failures included; rows and cost J are medians.
@@ -34,7 +34,8 @@ independent dense check for all methods.
 - `drake`: SQP steps (their time is in `solve s`), then Ipopt, refined until verified. {STOP_NOTE}
 - `{PEER}`: CasADi, exact Hessian, MUMPS, the Ipopt settings that were best for it (adaptive
   barrier, kkt-error globalisation), the first of these rules to stop, the same pairs; one solve, not refined. Task by
-  task the faster of `casadi_mx` (mapped graph) and `casadi_sx` (expanded), of those that converged.
+  task the fastest of `casadi_mx` (mapped graph), `casadi_sx` (expanded) and `casadi_fatrop` (stage by stage, fatrop in
+  the place of Ipopt), of those that converged.
 - `casadi_plain`: `casadi_mx` with Ipopt's default options.
 """
 COUNTS = """attempted: {attempted} | converged: {converged} | verified: {verified} ({verified_percent:.0f} %) |
