@@ -29,7 +29,8 @@ def plan_many(
     """Plan scenarios in several processes, with one thread each.
 
     Plans are the same as those of `plan` where no budget ends them. A process takes a second to start, so it is for
-    dozens of scenarios and more; where they come a few at a time, an executor that is kept open saves that.
+    dozens of scenarios and more; where they come a few at a time, an executor that is kept open saves that. A script
+    calls it below `if __name__ == "__main__":`, since its processes import the script.
 
     Args:
         scenarios: what `plan` takes; an iterator is read on while plans are made, not all at once.
