@@ -49,14 +49,14 @@ def test_numpy_predicts_what_torch_does(trained: Trained) -> None:
         found = trained(scene)
         with torch.inference_mode():
             expected = module(tensors)
-            features = rank_features(expected.states, expected.duration, expected.score, tensors).numpy()
-        size = float(np.abs(scene.goal[:, :2]).max())
         for name in ("states", "duration", "score"):
             ours, theirs = getattr(found, name), getattr(expected, name).numpy()
             assert ours.dtype == theirs.dtype == np.float32
             assert np.abs(ours - theirs).max() < SAME * np.abs(theirs).max(), (scenario.name, name)
-        ours = rank_features(found.states, found.duration, found.score, scene)
-        assert np.abs(ours - features).max() < SAME * size
+        # of the same points: which side of an obstacle a point is on may hang on its last digit
+        features = rank_features(found.states, found.duration, found.score, scene)
+        same = rank_features(*map(torch.from_numpy, (found.states, found.duration, found.score)), tensors).numpy()
+        assert np.abs(features - same).max() < SAME * np.abs(same).max()
 
 
 def test_weights_come_back_from_a_module_as_they_were(trained: Trained) -> None:
