@@ -55,7 +55,8 @@ def test_numpy_predicts_what_torch_does(trained: Trained) -> None:
             assert np.abs(ours - theirs).max() < SAME * np.abs(theirs).max(), (scenario.name, name)
         # of the same points: which side of an obstacle a point is on may hang on its last digit
         features = rank_features(found.states, found.duration, found.score, scene)
-        same = rank_features(*map(torch.from_numpy, (found.states, found.duration, found.score)), tensors).numpy()
+        states, duration, score = map(torch.from_numpy, (found.states, found.duration, found.score))
+        same = rank_features(states, duration, score, tensors).numpy()
         assert np.abs(features - same).max() < SAME * np.abs(same).max()
 
 
