@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -297,6 +298,28 @@ def test_a_trajectory_ends_in_the_turn_that_it_arrives_in() -> None:
     raw[..., 2] = 2 * math.pi * torch.linspace(0.0, 1.0, 5) + 0.3
     states = composed(raw, straight_line(scene, 5), scene)
     assert states[0, 0, -1, 2].item() == pytest.approx(1.0 + 2 * math.pi, abs=SAME)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        NetworkConfig(refinements=1),
+        NetworkConfig(encoder_layers=2),
+        NetworkConfig(width=64),
+        NetworkConfig(heads=7),
+        NetworkConfig(channels=64),
+        NetworkConfig(points=20),
+        PaperConfig(hidden=64),
+    ],
+    ids=str,
+)
+def test_weights_of_a_network_of_other_sizes_are_not_weights(
+    config: NetworkConfig | PaperConfig, tmp_path: Path
+) -> None:
+    usual = NetworkConfig() if isinstance(config, NetworkConfig) else PaperConfig()
+    save_weights(tmp_path / "w.safetensors", replace(trained(new_network(usual)), config=config), {})
+    with pytest.raises(WeightsError, match=r"w\.safetensors: not weights of this version"):
+        load_weights(tmp_path / "w.safetensors")
 
 
 @pytest.mark.parametrize("content", [b"", b"not weights", None])

@@ -79,14 +79,11 @@ def load_network(weights: Path | None = None) -> Trained:
 
 @lru_cache(maxsize=8)
 def _load_network(path: Path, _changed: int) -> Trained:
-    """The network in a file, warmed up."""
+    """The network in a file."""
     from drake_gnnocp.learning.checkpoint import WeightsError, load_weights
-    from drake_gnnocp.learning.predict import guesses
 
     try:
-        network = load_weights(path)[0]
-        list(guesses(network, Scenario("warm-up", np.zeros(3), np.array([9.0, 3.0, 1.0])), n_knots=2))
-        return network
+        return load_weights(path)[0]
     except WeightsError as error:
         raise GuessUnavailable(f"guess: 'gnn' needs trained weights: {error}") from None
 

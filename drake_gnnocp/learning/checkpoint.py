@@ -22,10 +22,15 @@ from drake_gnnocp.learning.configs import NetworkConfig, PaperConfig
 from drake_gnnocp.learning.layers import Weights, nested
 from drake_gnnocp.learning.network import EVERY_RANK, Prediction, predicted
 from drake_gnnocp.learning.ranking import Ranking
-from drake_gnnocp.learning.scene import Scene
+from drake_gnnocp.learning.scene import Scene, vehicle_row
+from drake_gnnocp.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from drake_gnnocp.learning.trainable import Network
+
+
+# goal and vehicle of a task to try weights out with
+TRIAL = (np.array([[9.0, 3.0, 1.0]], np.float32), np.array([vehicle_row(Vehicle())], np.float32))
 
 
 class WeightsError(ValueError):
@@ -45,10 +50,11 @@ class Trained:
         if not isinstance(self.config, NetworkConfig):
             return self._by_torch(scene, ranks)
         with np.errstate(all="ignore"):  # numbers that are not finite are noticed where they are used
-            return predicted(self._weights, self.config, scene, ranks)
+            return predicted(self.weights, self.config, scene, ranks)
 
     @cached_property
-    def _weights(self) -> Weights:
+    def weights(self) -> Weights:
+        """Them by the parts of the network."""
         return nested(self.arrays)
 
     @cached_property
@@ -109,4 +115,30 @@ def load_weights(path: Path) -> tuple[Trained, dict[str, Any]]:
     ranking = trained.ranking
     if not all(np.isfinite(array).all() for array in (*arrays.values(), [*ranking.weights, ranking.intercept or 0.0])):
         raise WeightsError(f"{path}: holds weights that are not finite")
+    try:
+        _try_out(trained)
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise WeightsError(f"{path}: not weights of this version: {first_line(error)}") from None
     return trained, about
+
+
+def _try_out(trained: Trained) -> None:
+    """Predict something; raises an error where the weights are not those of a network of its sizes."""
+    if isinstance(trained.config, NetworkConfig):
+        for name, size in _sizes(trained.weights).items():
+            if size != getattr(trained.config, name):
+                raise ValueError(f"{name}: {getattr(trained.config, name)} by the configuration, {size} by the weights")
+    trained(Scene(np.zeros((1, 1, 1, 4), np.float32), np.zeros((1, 1, 1), bool), *TRIAL))
+
+
+def _sizes(weights: Weights) -> dict[str, int]:
+    """The fields of `NetworkConfig` that can be told from weights; others make a prediction impossible."""
+    refiners, queries = weights.get("refiners", {}), weights["proposer"]["queries"]
+    sizes = {
+        "width": queries.shape[1],
+        "encoder_layers": len(weights["encoder"]["layers"]),
+        "proposer_layers": len(weights["proposer"]["layers"]["layers"]),
+        "hypotheses": len(queries),
+        "refinements": len(refiners),
+    }
+    return sizes | ({"channels": refiners["0"]["leave"]["weight"].shape[1]} if refiners else {})
