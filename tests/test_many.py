@@ -1,7 +1,12 @@
-"""Many plans in processes: those of one process, in the order of the scenarios, made while they are asked for."""
+"""Many plans in processes: those of one process, in the order of the scenarios, made while they are asked for.
+
+`python tests/test_many.py 300` prints how many are made a second.
+"""
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from itertools import islice
@@ -10,6 +15,7 @@ import numpy as np
 import pytest
 
 from drake_gnnocp import PlanOptions, Scenario, plan, plan_many
+from drake_gnnocp.experiments.benchmark.tasks import drawn_tasks
 from drake_gnnocp.planner.many import AHEAD
 from drake_gnnocp.scenario import ScenarioError
 
@@ -51,3 +57,15 @@ def test_what_is_no_scenario_is_told_where_its_turn_comes() -> None:
 def test_jobs_are_checked_at_once() -> None:
     with pytest.raises(ValueError, match="jobs: must be positive"):
         plan_many(["map_a"], jobs=0)
+
+
+def main(tasks: int) -> None:
+    """Print how many plans of tasks on test maps two processes make a second, starting them included."""
+    scenarios = [task.scenario for task in drawn_tasks(tasks)]
+    begin = time.perf_counter()
+    verified = sum(made.verified for made in plan_many(scenarios, jobs=2))
+    print(f"{tasks} tasks, {verified} verified: {tasks / (time.perf_counter() - begin):.1f} plans a second")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import wraps
@@ -51,21 +51,21 @@ class Stopwatch:
             package: whose modules use the functions.
         """
         modules = [module for name, module in list(sys.modules.items()) if name.split(".")[0] == package]
-        replaced: list[tuple[Any, str, Any]] = []
+        uses = [(stage, use) for stage, places in stages.items() for place in places for use in _uses(place, modules)]
         try:
-            for stage, functions in stages.items():
-                for place in functions:
-                    module, _, name = place.partition(":")
-                    holder, _, attribute = name.rpartition(".")
-                    owner = getattr(sys.modules[module], holder) if holder else sys.modules[module]
-                    function = getattr(owner, attribute)
-                    measured = self.timed(stage, function)
-                    for user in [owner] if holder else modules:
-                        for known, value in list(vars(user).items()):
-                            if value is function:
-                                replaced.append((user, known, function))
-                                setattr(user, known, measured)
+            for stage, (user, name, function) in uses:
+                setattr(user, name, self.timed(stage, function))
             yield
         finally:
-            for user, known, function in replaced:
-                setattr(user, known, function)
+            for _, (user, name, function) in uses:
+                setattr(user, name, function)
+
+
+def _uses(place: str, modules: Sequence[Any]) -> list[tuple[Any, str, Callable[..., Any]]]:
+    """Where the function of a place is used, by which name, and the function: a method in its class alone."""
+    module, _, name = place.partition(":")
+    holder, _, attribute = name.rpartition(".")
+    owner = getattr(sys.modules[module], holder) if holder else sys.modules[module]
+    function = getattr(owner, attribute)
+    users = [owner] if holder else modules
+    return [(user, known, function) for user in users for known, value in vars(user).items() if value is function]

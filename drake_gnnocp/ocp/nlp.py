@@ -116,10 +116,8 @@ def _add_trapezoid_rule(nlp: Nlp) -> None:
     """v_{k+1} - v_k = h (a_k + a_{k+1}) / 2 and phi likewise: the defects that are linear for a fixed h."""
     half, last = nlp.fixed_step / 2 / nlp.knot_scale[0], len(nlp.knots) - 1
     # one sparse constraint for all knots: Drake takes as long for one of a single row
-    values, columns = (
-        np.tile([-1.0, 1.0, -half, -half], (last, 1)),
-        np.arange(last)[:, None] + [0, 1, last + 1, last + 2],
-    )
+    values = np.tile([-1.0, 1.0, -half, -half], (last, 1))
+    columns = np.arange(last)[:, None] + [0, 1, last + 1, last + 2]
     matrix = csr_matrix((values.ravel(), columns.ravel(), 4 * np.arange(last + 1)), (last, 2 * (last + 1))).tocsc()
     rows = LinearEqualityConstraint(matrix, np.zeros(last))
     rows.set_description("trapezoid rule")

@@ -165,7 +165,8 @@ def attempt(
     # SQP steps are for a duration: that comes first, and a quicker one after it
     free = minimise and steps is None and not closely
     exact = scenario.exact  # a tolerance at the goal comes in once there is a plan, or there is none
-    formulation = formulate(exact, start, options.cost, options.margin, free, options.comfort)
+    problem = (start, options.cost, options.margin, free, options.comfort)
+    formulation = formulate(exact, *problem)
     if closely:
         formulation, steps = tight_paths.kept_near(exact, formulation), None
     elif steps is None and options.sqp and not free:
@@ -173,18 +174,24 @@ def attempt(
     settings = BRIEF if guess.path is not None and not closely and not minimise else USUAL
     refined = refine(exact, formulation, budget, steps, settings)
     if exact is not scenario and not refined.verified and not budget.is_over:
-        around = formulate(scenario, start, options.cost, options.margin, free, options.comfort)
-        again = refine(scenario, around, budget)
+        again = refine(scenario, formulate(scenario, *problem), budget)
         refined = refined.followed_by(again, again.verified or refined.best is None)
+    refined = _finished(scenario, refined, minimise, budget, options)
+    made = Attempt(guess.source, seconds, start, guess.probability, reason=_reason(guess, refined))
+    if steps is not None and refined.solves:
+        made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
+    return _with_solves(scenario, made, refined, options)
+
+
+def _finished(scenario: Scenario, refined: Refined, minimise: bool, budget: Budget, options: PlanOptions) -> Refined:
+    """What there is, made quicker where time is minimised, else cheaper where the goal leaves a choice."""
+    exact = scenario.exact
     if minimise:
         for task in (exact, scenario) if exact is not scenario else (scenario,):
             refined = minimum_time.quicker(task, refined, options.cost, options.margin, budget)
     elif exact is not scenario:
         refined = relaxed(scenario, refined, options, budget)
-    made = Attempt(guess.source, seconds, start, guess.probability, reason=_reason(guess, refined))
-    if steps is not None and refined.solves:
-        made = replace(made, sqp_steps=steps.steps, sqp_seconds=steps.seconds)
-    return _with_solves(scenario, made, refined, options)
+    return refined
 
 
 def polished(scenario: Scenario, verified: Attempt, budget: Budget, options: PlanOptions) -> Attempt:

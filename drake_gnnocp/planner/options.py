@@ -24,9 +24,7 @@ class PlanOptions:
 
     knots: int = 120  # of a plan, at least 4; more where a path changes gear so often that they would be too far apart
     margin: float = 0.12  # m, clearance asked of obstacles at the knots, where the guess has it
-    comfort: float = (
-        COMFORT  # m, clearance that a verified plan gets where that costs little, by a second solve; 0: none
-    )
+    comfort: float = COMFORT  # m, clearance that a verified plan gets, by another solve, where it costs little; 0: none
     cost: CostWeights = field(default_factory=CostWeights)  # or "paper"
     slack: float = 1.1  # at least 1: duration given to the optimiser over that of a searched path
     weights: Path | None = None  # file of the network's weights; None: those that come with the package

@@ -91,7 +91,7 @@ def plan(
 
 @contextmanager
 def _fewer_collections() -> Iterator[None]:
-    """Meanwhile Python looks less often for unreachable cycles among all that torch and Drake have: 8 % of the time."""
+    """Meanwhile Python looks less often for unreachable cycles among all that is loaded: 8 % of the time."""
     before = gc.get_threshold()
     gc.set_threshold(max(before[0], OBJECTS) if before[0] else 0, *before[1:])
     try:

@@ -50,7 +50,7 @@ def solve_with_fatrop(problem: Formulation) -> PeerSolution:
     n_equal = N_KNOT * (n + 1)
     knot = np.concatenate([np.repeat(np.append(np.arange(n - 1), [0, n - 1]), N_KNOT), *(r.knot for r in all_rows)])
     is_gap = np.arange(len(knot)) < N_KNOT * (n - 1)
-    order = np.lexsort((np.arange(len(knot)), ~is_gap, knot.astype(int)))
+    order = np.lexsort((np.arange(len(knot)), ~is_gap, knot))
     lower = np.concatenate([np.zeros(n_equal), *(least_areas(rows) for rows in all_rows)])[order]
     is_equal = (np.arange(len(knot)) < n_equal)[order]
     most = np.full((n, N_STAGE), math.inf)
@@ -61,7 +61,7 @@ def solve_with_fatrop(problem: Formulation) -> PeerSolution:
         "N": n - 1,
         "nx": [N_KNOT] * n,
         "nu": [N_CONTROLS] * (n - 1) + [0],
-        "ng": np.bincount(knot[~is_gap].astype(int), minlength=n).tolist(),
+        "ng": np.bincount(knot[~is_gap], minlength=n).tolist(),
         "equality": is_equal.tolist(),
         "print_time": False,
         "error_on_fail": False,

@@ -6,11 +6,11 @@ import resource
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from drake_gnnocp.console import OneLineParser, count, reported
+from drake_gnnocp.experiments.benchmark.methods import HYBRID_ASTAR
 from drake_gnnocp.experiments.benchmark.tasks import Task, drawn_tasks, named_tasks, tight_tasks
 from drake_gnnocp.experiments.options import add_budget, add_out, measuring_parser
 from drake_gnnocp.experiments.reports import report
@@ -70,7 +70,7 @@ def main(argv: list[str] | None = None) -> int:
         tasks = named_tasks(given.scenarios) if given.scenarios else drawn(given.tasks)
         text = tables(timed_plans(tasks, given.max_seconds), given.max_seconds)
         given.out.mkdir(parents=True, exist_ok=True)
-        write_atomically(Path(given.out) / "stages.md", text)
+        write_atomically(given.out / "stages.md", text)
         yield text
 
     return reported(texts(), given.out)
@@ -87,7 +87,7 @@ def timed_plans(tasks: Sequence[Task], max_seconds: float) -> list[Timed]:
             begin = time.perf_counter()
             made = plan(task.scenario, max_seconds=max_seconds)
             seconds = time.perf_counter() - begin
-            own = made.guess_source != "hybrid_astar"
+            own = made.guess_source != HYBRID_ASTAR
             found.append(Timed(seconds, made.verified, own, dict(watch.seconds), dict(watch.calls)))
     return found
 
